@@ -1,0 +1,120 @@
+"""APIL: adversarial-policy attacks on deep-RL agents in two-player games.
+
+Everything in ``__all__`` is the public API; plugins and games import from here only. Names load
+lazily (PEP 562), so importing this package brings in neither torch nor mujoco.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "apil_core.hooks": ("hookimpl", "hookspec"),
+    "apil_core.errors": (
+        "ApilError",
+        "ConfigError",
+        "PluginError",
+        "RunDirError",
+        "UnknownNameError",
+        "VictimError",
+    ),
+    "apil_core.specs": (
+        "GameSpec",
+        "MethodSpec",
+        "PolicyListing",
+        "PolicySpec",
+        "RecorderSpec",
+        "RewardWeights",
+    ),
+    "apil_core.game": ("NO_WINNER", "Game", "GameLayout", "GameStep", "SideLayout"),
+    "apil_core.views": ("OpponentInsideEnv", "ParallelGameEnv"),
+    "apil_core.types": ("Context", "Decision", "DiagonalGaussian", "Rollout", "StepBatch", "View"),
+    "apil_core.policy": ("Policy", "PolicyInfo"),
+    "apil_core.method": ("Method", "MethodSetup", "Run"),
+    "apil_core.networks": ("GaussianActor", "mlp"),
+    "apil_core.normalize": ("ObservationNormalizer", "ReturnNormalizer"),
+    "apil_core.returns": ("gae", "normalize_advantages"),
+    "apil_core.config": (
+        "CheckpointConfig",
+        "EvaluationConfig",
+        "PPOConfig",
+        "RewardConfig",
+        "RunConfig",
+        "Section",
+    ),
+    "apil_core.evaluation": ("EvaluationResult", "evaluate"),
+    "apil_core.runner": ("RunResult", "resume", "run"),
+    "apil_core.registry": ("load_policy", "make_game"),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = sorted([*_HOME_OF, "__version__"])  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME_OF:
+        raise AttributeError(f"module 'apil_core' has no attribute {name!r}")
+    value = getattr(importlib.import_module(_HOME_OF[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return list(__all__)
+
+
+if TYPE_CHECKING:
+    from apil_core.config import CheckpointConfig as CheckpointConfig
+    from apil_core.config import EvaluationConfig as EvaluationConfig
+    from apil_core.config import PPOConfig as PPOConfig
+    from apil_core.config import RewardConfig as RewardConfig
+    from apil_core.config import RunConfig as RunConfig
+    from apil_core.config import Section as Section
+    from apil_core.errors import ApilError as ApilError
+    from apil_core.errors import ConfigError as ConfigError
+    from apil_core.errors import PluginError as PluginError
+    from apil_core.errors import RunDirError as RunDirError
+    from apil_core.errors import UnknownNameError as UnknownNameError
+    from apil_core.errors import VictimError as VictimError
+    from apil_core.evaluation import EvaluationResult as EvaluationResult
+    from apil_core.evaluation import evaluate as evaluate
+    from apil_core.game import NO_WINNER as NO_WINNER
+    from apil_core.game import Game as Game
+    from apil_core.game import GameLayout as GameLayout
+    from apil_core.game import GameStep as GameStep
+    from apil_core.game import SideLayout as SideLayout
+    from apil_core.hooks import hookimpl as hookimpl
+    from apil_core.hooks import hookspec as hookspec
+    from apil_core.method import Method as Method
+    from apil_core.method import MethodSetup as MethodSetup
+    from apil_core.method import Run as Run
+    from apil_core.networks import GaussianActor as GaussianActor
+    from apil_core.networks import mlp as mlp
+    from apil_core.normalize import ObservationNormalizer as ObservationNormalizer
+    from apil_core.normalize import ReturnNormalizer as ReturnNormalizer
+    from apil_core.policy import Policy as Policy
+    from apil_core.policy import PolicyInfo as PolicyInfo
+    from apil_core.registry import load_policy as load_policy
+    from apil_core.registry import make_game as make_game
+    from apil_core.returns import gae as gae
+    from apil_core.returns import normalize_advantages as normalize_advantages
+    from apil_core.runner import RunResult as RunResult
+    from apil_core.runner import resume as resume
+    from apil_core.runner import run as run
+    from apil_core.specs import GameSpec as GameSpec
+    from apil_core.specs import MethodSpec as MethodSpec
+    from apil_core.specs import PolicyListing as PolicyListing
+    from apil_core.specs import PolicySpec as PolicySpec
+    from apil_core.specs import RecorderSpec as RecorderSpec
+    from apil_core.specs import RewardWeights as RewardWeights
+    from apil_core.types import Context as Context
+    from apil_core.types import Decision as Decision
+    from apil_core.types import DiagonalGaussian as DiagonalGaussian
+    from apil_core.types import Rollout as Rollout
+    from apil_core.types import StepBatch as StepBatch
+    from apil_core.types import View as View
+    from apil_core.views import OpponentInsideEnv as OpponentInsideEnv
+    from apil_core.views import ParallelGameEnv as ParallelGameEnv

@@ -1,0 +1,117 @@
+"""The adversary as a policy: methods' extra observations, normaliser and actor, with or without a run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor, nn
+
+from apil_core.errors import PluginError
+from apil_core.learner import Actor
+from apil_core.normalize import ObservationNormalizer
+from apil_core.policy import Policy, PolicyInfo
+from apil_core.run_hooks import RunHookManager
+from apil_core.types import Context, Decision, View
+
+OWN_GROUP = "own"
+"""Name of the adversary's own observation among the groups."""
+
+
+class ObservationBuilder(nn.Module):
+    """From a view to the learner's input: own observation, the hooks' groups, each normalised.
+
+    Group sizes are learnt from the first view and checked ever after.
+
+    Args:
+        hooks: asked for ``extend_observation``.
+        clip: bound of the normalised values.
+    """
+
+    def __init__(self, hooks: RunHookManager, clip: float):
+        super().__init__()
+        self._hooks = hooks
+        self._clip = clip
+        self.normalizers = nn.ModuleDict()
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Length of each group, in order of concatenation; empty before the first view."""
+        return {name: module.shift.numel() for name, module in self.normalizers.items()}
+
+    def groups(self, context: Context, view: View) -> dict[str, Tensor]:
+        """Raw groups, each (n, k).
+
+        Raises:
+            PluginError: a group has another shape or type than (n, k) float32, or changed its size.
+        """
+        answers = self._hooks.hook.extend_observation(context=context, view=view)
+        groups = {OWN_GROUP: view.own, **self._hooks.merged(answers, "extend_observation")}
+        if not self.normalizers:
+            self.add_normalizers({name: _width(name, value) for name, value in groups.items()}, view.own.device)
+        sizes = self.sizes
+        for name, value in groups.items():
+            wanted = (view.own.shape[0], sizes.get(name))
+            if not isinstance(value, Tensor) or value.shape != wanted or value.dtype != torch.float32:
+                got = f"{tuple(value.shape)} {value.dtype}" if isinstance(value, Tensor) else repr(value)
+                raise PluginError(f"extend_observation: {name!r} must be {wanted} float32, got {got}")
+        if len(groups) != len(sizes):
+            raise PluginError(f"extend_observation: groups changed from {list(sizes)} to {list(groups)}")
+        return groups
+
+    def add_normalizers(self, sizes: dict[str, int], device: torch.device) -> None:
+        """Set the group sizes (when loading a policy)."""
+        for name, size in sizes.items():
+            self.normalizers[name] = ObservationNormalizer(size, self._clip).to(device)
+
+    def normalize(self, groups: dict[str, Tensor], *, update: bool) -> TensorDict:
+        """Normalised groups, batch (n,); ``update`` also takes them into the statistics."""
+        result = {}
+        for name, value in groups.items():
+            normalizer = self.normalizers[name]
+            if update:
+                normalizer.update(value)
+            result[name] = normalizer(value)
+        some = next(iter(groups.values()))
+        return TensorDict(result, batch_size=[some.shape[0]], device=some.device)
+
+
+def _width(name: str, value: Any) -> int:
+    if not isinstance(value, Tensor) or value.ndim != 2:
+        shape = tuple(value.shape) if isinstance(value, Tensor) else repr(value)
+        raise PluginError(f"extend_observation: {name!r} must have shape (num_envs, k), got {shape}")
+    return value.shape[1]
+
+
+class AdversaryPolicy(Policy):
+    """A trained (or training) adversary that acts without a run.
+
+    Args:
+        info: identity; the hash is of the checkpoint it came from.
+        builder: makes the observation; never updated here.
+        actor: the policy network.
+        context: for whom observations are made; its generator feeds stochastic hooks.
+    """
+
+    def __init__(self, info: PolicyInfo, builder: ObservationBuilder, actor: Actor, context: Context):
+        self.info = info
+        self.builder = builder
+        self.actor = actor
+        self.context = context
+
+    def act(
+        self,
+        view: View,
+        *,
+        sample: bool,
+        generator: torch.Generator | None = None,
+        activations: bool = False,
+    ) -> Decision:
+        """See :meth:`apil_core.Policy.act`."""
+        with torch.inference_mode():
+            observations = self.builder.normalize(self.builder.groups(self.context, view), update=False)
+            distribution = self.actor(observations)
+            action = distribution.sample(generator) if sample else distribution.mean
+            hidden = {"hidden": self.actor.hidden(observations)} if activations else None
+        return Decision(action, distribution, hidden)

@@ -1,0 +1,200 @@
+"""Assembling a run's parts from its configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+
+from apil_core.adversary import AdversaryPolicy, ObservationBuilder
+from apil_core.config import RunConfig
+from apil_core.errors import ConfigError, PluginError
+from apil_core.game import Game
+from apil_core.game_env import AttackEnv
+from apil_core.learner import Actor, Learner
+from apil_core.method import Method, MethodSetup
+from apil_core.plugins import PluginRegistry
+from apil_core.policy import Policy, PolicyInfo
+from apil_core.registry import build_methods, game_spec, load_policy, make_game
+from apil_core.rewards import resolve_weights
+from apil_core.run_hooks import RunHookManager
+from apil_core.types import Context
+
+
+@dataclass
+class Attack:
+    """The parts of a run, wired together."""
+
+    config: RunConfig
+    game: Game
+    victim: Policy
+    adversary_side: int
+    methods: dict[str, Method]
+    hooks: RunHookManager
+    builder: ObservationBuilder
+    generators: dict[str, torch.Generator]
+    env: AttackEnv
+    actor: Actor
+    learner: Learner
+
+
+def check_device(name: str) -> torch.device:
+    """The torch device of that name.
+
+    Raises:
+        ConfigError: no such device here.
+    """
+    try:
+        device = torch.device(name)
+    except RuntimeError as error:
+        raise ConfigError(f"device: {name!r} is no device; use cpu, cuda or cuda:N") from error
+    if device.type == "cuda" and not torch.cuda.is_available():
+        raise ConfigError(f"device: {name!r} asked for, but torch sees no CUDA GPU here; use --device cpu")
+    if device.type not in ("cpu", "cuda"):
+        raise ConfigError(f"device: {name!r} is not supported; use cpu, cuda or cuda:N")
+    return device
+
+
+def victim_name(config: RunConfig, plugins: PluginRegistry) -> str:
+    """The victim's full name, ``auto`` resolved to the game's default."""
+    if config.victim != "auto":
+        return config.victim
+    default = game_spec(config.env, plugins).default_victim
+    if not default:
+        raise ConfigError(f"game {config.env!r} has no default victim; name one with --victim")
+    return default
+
+
+def victim_side(config: RunConfig, plugins: PluginRegistry) -> int:
+    """Index of the attacked side."""
+    spec = game_spec(config.env, plugins)
+    return spec.victim_side if config.victim_side is None else config.victim_side
+
+
+def load_victim(name: str, game: Game, side: int, device: str, plugins: PluginRegistry) -> Policy:
+    """Load a policy for that seat and check that it fits.
+
+    Raises:
+        ConfigError: its sizes are not the seat's.
+    """
+    policy = load_policy(name, device=device, plugins=plugins)
+    seat, info = game.layout.sides[side], policy.info
+    if (info.observation_size, info.action_size) != (seat.observation_size, seat.action_size):
+        raise ConfigError(
+            f"{name} takes {info.observation_size} observations and gives {info.action_size} actions, "
+            f"but the {seat.name} has {seat.observation_size} and {seat.action_size}"
+        )
+    return policy
+
+
+def build_hooks(
+    config: RunConfig, plugins: PluginRegistry, setup: MethodSetup
+) -> tuple[dict[str, Method], RunHookManager]:
+    """The run's methods and the manager that holds them and the observers."""
+    chain = plugins.method_chain(config.method)
+    methods = build_methods(chain, config.options, setup)
+    observers: dict[str, Any] = {}
+    for name in config.observers:
+        if name not in plugins.modules:
+            raise ConfigError(f"observers: no working plugin named {name!r}")
+        if name in methods:
+            raise PluginError(f"observers: {name!r} is already part of method {config.method!r}")
+        observers[name] = plugins.modules[name]
+    return methods, RunHookManager(chain, {**methods, **observers})
+
+
+def generators(seed: int, device: torch.device) -> dict[str, torch.Generator]:
+    """Independent streams for the victim's actions and the methods' draws."""
+    result = {}
+    for offset, name in enumerate(("victim", "method")):
+        result[name] = torch.Generator(device=device)
+        result[name].manual_seed(seed * 2 + offset + 1_000_003)
+    return result
+
+
+def build(config: RunConfig, plugins: PluginRegistry) -> Attack:
+    """Make everything a run needs; seeds torch's global generator, which PPO draws from.
+
+    Raises:
+        ApilError: whatever is wrong with names, options, weights or plugins.
+    """
+    device = check_device(config.device)
+    spec = game_spec(config.env, plugins)
+    torch.manual_seed(config.seed)
+    game = make_game(
+        config.env,
+        num_envs=config.num_envs,
+        threads=config.threads,
+        options=config.game,
+        plugins=plugins,
+    )
+    game.seed(config.seed)
+    attacked = victim_side(config, plugins)
+    victim = load_victim(victim_name(config, plugins), game, attacked, config.device, plugins)
+    setup = method_setup(config, game, 1 - attacked, device)
+    methods, hooks = build_hooks(config, plugins, setup)
+    builder = ObservationBuilder(hooks, config.ppo.observation_clip)
+    streams = generators(config.seed, device)
+    env = AttackEnv(
+        game,
+        victim,
+        builder,
+        hooks,
+        config,
+        weights=resolve_weights(config.reward, spec.rewards),
+        adversary_side=1 - attacked,
+        generators=streams,
+    )
+    with hooks.attribution():
+        example = env.get_observations()
+    actor = Actor(builder.sizes, game.layout.sides[1 - attacked].action_size, config.ppo)
+    learner = Learner(actor, example, config.ppo, device)
+    return Attack(
+        config, game, victim, 1 - attacked, methods, hooks, builder, streams, env, actor, learner
+    )
+
+
+def method_setup(config: RunConfig, game: Game, adversary_side: int, device: torch.device) -> MethodSetup:
+    """What methods are built from."""
+    return MethodSetup(
+        layout=game.layout,
+        adversary_side=adversary_side,
+        device=device,
+        seed=config.seed,
+        ppo=config.ppo,
+        methods={},
+    )
+
+
+def adversary_policy(
+    state: Mapping[str, Any],
+    info: PolicyInfo,
+    config: RunConfig,
+    game: Game,
+    side: int,
+    plugins: PluginRegistry,
+    seed: int,
+) -> tuple[AdversaryPolicy, RunHookManager]:
+    """The adversary of a checkpoint's ``state``, without its run; and its hooks (for filters).
+
+    Args:
+        side: the seat it was trained for.
+        seed: of the generator its stochastic hooks draw from.
+    """
+    device = torch.device(config.device)
+    methods, hooks = build_hooks(config, plugins, method_setup(config, game, side, device))
+    with hooks.attribution():
+        for name, method in methods.items():
+            method.load_state_dict(state["methods"][name])
+    builder = ObservationBuilder(hooks, config.ppo.observation_clip)
+    sizes: dict[str, int] = state["groups"]
+    builder.add_normalizers(sizes, device)
+    builder.load_state_dict(state["builder"])
+    actor = Actor(sizes, game.layout.sides[side].action_size, config.ppo).to(device)
+    actor.model.load_state_dict(state["learner"]["ppo"]["actor_state_dict"])
+    generator = torch.Generator(device=device)
+    generator.manual_seed(seed)
+    context = Context(side=side, role="adversary", mode="eval", device=device, generator=generator)
+    return AdversaryPolicy(info, builder, actor, context), hooks

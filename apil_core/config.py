@@ -1,0 +1,143 @@
+"""The configuration of a run: pure data. Reading files, presets and ``--set`` is :mod:`apil_core.config_io`'s."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+SCHEMA_VERSION = 1
+"""Raised when a config of this version could be misread by older code."""
+
+ActionMode = Literal["sample", "mode"]
+
+
+class Section(BaseModel):
+    """Base of every config model: unknown keys are errors, values are checked on assignment."""
+
+    model_config = ConfigDict(extra="forbid", validate_assignment=True, use_attribute_docstrings=True)
+
+
+class RewardConfig(Section):
+    """Training reward ``c·w_dense·dense + (1−c)·w_sparse·sparse`` (METHODS.md §1); null: the game's own."""
+
+    dense_weight: float | None = None
+    """Weight of movement shaping; null takes the game's default."""
+    sparse_weight: float | None = None
+    """Weight of the outcome; null takes the game's default."""
+    anneal_fraction: Annotated[float, Field(ge=0, le=1)] | None = None
+    """Share of training over which c falls from 1 to 0 (0: sparse only); null takes the game's default."""
+    normalize: bool = True
+    """Divide by the running standard deviation of the discounted return and clip to ±10."""
+
+
+class PPOConfig(Section):
+    """The learner every method shares (METHODS.md §3)."""
+
+    num_steps: Annotated[int, Field(gt=0)] = 128
+    """Steps per game in one rollout; the batch is num_envs × num_steps (paper: 8 × 2048)."""
+    epochs: Annotated[int, Field(gt=0)] = 4
+    """Passes over each rollout."""
+    minibatches: Annotated[int, Field(gt=0)] = 4
+    """Parts of the rollout per pass."""
+    learning_rate: Annotated[float, Field(gt=0)] = 3e-4
+    """Adam's step size at the start."""
+    lr_schedule: Literal["constant", "linear"] = "constant"
+    """Constant, or linear to zero over the run's steps."""
+    optimizer: Literal["adam", "adamw"] = "adam"
+    """Optimiser of actor and critic (epsilon 1e-5)."""
+    gamma: Annotated[float, Field(gt=0, le=1)] = 0.99
+    """Discount per step."""
+    lam: Annotated[float, Field(ge=0, le=1)] = 0.95
+    """λ of generalised advantage estimation."""
+    clip: Annotated[float, Field(gt=0)] = 0.2
+    """Clip of the probability ratio and of the value update."""
+    value_coefficient: Annotated[float, Field(ge=0)] = 0.5
+    """Weight of ½·(V − R)² in the loss, the convention of the published code."""
+    entropy_coefficient: Annotated[float, Field(ge=0)] = 0.0
+    """Weight of the entropy bonus."""
+    max_grad_norm: Annotated[float, Field(gt=0)] = 0.5
+    """Gradient clip, for actor and critic separately."""
+    hidden: tuple[int, ...] = (64, 64)
+    """Hidden tanh layers of actor and critic."""
+    init_std: Annotated[float, Field(gt=0)] = 1.0
+    """Standard deviation of the untrained policy's actions."""
+    observation_clip: Annotated[float, Field(gt=0)] = 10.0
+    """Clip of the normalised observation."""
+
+
+class EvaluationConfig(Section):
+    """Scoring during and after training."""
+
+    episodes: Annotated[int, Field(ge=0)] = 1000
+    """Games of the final evaluation; 0: none. 1000 games give ± 3 points at 50 %."""
+    every_steps: Annotated[int, Field(ge=0)] = 0
+    """Environment steps between evaluations during training; 0: none."""
+    periodic_episodes: Annotated[int, Field(gt=0)] = 200
+    """Games of each evaluation during training."""
+    adversary_actions: ActionMode = "sample"
+    """Draw the adversary's evaluation actions, or take the mode."""
+    victim_actions: ActionMode = "sample"
+    """Draw the victim's evaluation actions, or take the mode."""
+
+
+class CheckpointConfig(Section):
+    """What is kept so that nothing is lost."""
+
+    every_iterations: Annotated[int, Field(gt=0)] = 10
+    """PPO iterations between checkpoints (one is always written at the end and on Ctrl-C)."""
+    keep: Annotated[int, Field(gt=0)] = 2
+    """How many of the newest checkpoints stay on disk."""
+
+
+class RunConfig(Section):
+    """Everything that decides a run's outcome. Equal configs on one machine give equal weights."""
+
+    version: int = SCHEMA_VERSION
+    """Version of this schema."""
+    method: str = "e_apil"
+    """Attack method; `apil methods` lists them."""
+    env: str = "kick-and-defend"
+    """Game; `apil games` lists them."""
+    victim: str = "auto"
+    """Policy under attack, e.g. zoo:kick-and-defend/kicker/v1; auto: the game's default."""
+    victim_side: Literal[0, 1] | None = None
+    """Which side is attacked; null: the game's default."""
+    victim_actions: ActionMode = "sample"
+    """Draw the victim's actions during training, or take the mode."""
+    steps: Annotated[int, Field(gt=0)] = 35_000_000
+    """Environment steps of training (the paper's budget by default), rounded up to whole rollouts."""
+    num_envs: Annotated[int, Field(gt=0)] = 128
+    """Games stepped together."""
+    threads: Annotated[int, Field(ge=0)] = 0
+    """Physics threads; 0: all CPUs. Never changes results."""
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    """Seed of everything random."""
+    device: str = "cpu"
+    """Where the networks live: cpu, cuda or cuda:N (physics is always on the CPU)."""
+    reward: RewardConfig = RewardConfig()
+    ppo: PPOConfig = PPOConfig()
+    evaluation: EvaluationConfig = EvaluationConfig()
+    checkpoint: CheckpointConfig = CheckpointConfig()
+    game: dict[str, Any] = {}
+    """Options of the game, checked by the game's own model."""
+    options: dict[str, dict[str, Any]] = {}
+    """Options per method, e.g. options.apil.prediction; checked by each plugin's own model."""
+    recorders: tuple[str, ...] = ("jsonl", "tensorboard")
+    """Where metrics go."""
+    observers: tuple[str, ...] = ()
+    """Further plugins whose run hooks are switched on, in this order."""
+    plugins: tuple[str, ...] = ()
+    """One-file plugins (paths) to load before anything else."""
+    init_from: Path | None = None
+    """Run directory whose final adversary the training starts from."""
+
+    @model_validator(mode="after")
+    def _batch_divides(self) -> RunConfig:
+        batch = self.num_envs * self.ppo.num_steps
+        if self.ppo.minibatches > batch:
+            raise ValueError(
+                f"ppo.minibatches ({self.ppo.minibatches}) exceeds num_envs × ppo.num_steps ({batch})"
+            )
+        return self

@@ -1,0 +1,224 @@
+"""From files, presets, ``--set`` and flags to one checked ``RunConfig``, and back to YAML.
+
+Layers: defaults < presets < file < flags < ``--set``. They are merged first and validated once, by
+the core's model with the options of the method's chain and of the game typed in; every mistake
+becomes one line that starts with where it was written.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from apil_core.config import SCHEMA_VERSION, RunConfig
+from apil_core.config_errors import Problem, problems_of, raise_problems, unknown_name
+from apil_core.config_layers import Key, Layer, file_layer, flag_layer, merge, preset_layer, set_layer
+from apil_core.config_models import full_model
+from apil_core.config_yaml import dump_yaml as dump_yaml
+from apil_core.errors import ConfigError, suggest
+from apil_core.plugins import PluginRegistry, names
+from apil_core.specs import GameSpec
+
+
+def gather(
+    file: Path | None = None,
+    presets: Sequence[str] = (),
+    sets: Sequence[str] = (),
+    flags: Mapping[str, Any] | None = None,
+) -> list[Layer]:
+    """The layers of one configuration, lowest first.
+
+    Args:
+        file: a YAML file, or a run directory.
+        presets: names, the later ones on top.
+        sets: ``a.b=c`` texts.
+        flags: values by config key; ``None`` means not given.
+
+    Raises:
+        ConfigError: a layer cannot be read.
+        UnknownNameError: there is no such preset.
+    """
+    layers = [preset_layer(name) for name in presets]
+    layers += [file_layer(Path(file))] if file is not None else []
+    return [*layers, flag_layer(flags or {}), *map(set_layer, sets)]
+
+
+def plugin_files(layers: Sequence[Layer]) -> tuple[str, ...]:
+    """One-file plugins the layers name: they must be loaded before names can be checked."""
+    value = merge({}, layers)[0].get("plugins") or ()
+    return tuple(map(str, value)) if isinstance(value, (list, tuple)) else ()
+
+
+def resolve(
+    file: Path | None = None,
+    presets: Sequence[str] = (),
+    sets: Sequence[str] = (),
+    flags: Mapping[str, Any] | None = None,
+    *,
+    plugins: PluginRegistry,
+) -> RunConfig:
+    """The complete configuration: every option of the method's chain and of the game filled in.
+
+    Raises:
+        ConfigError: one line per mistake.
+    """
+    return resolve_layers(gather(file, presets, sets, flags), plugins)
+
+
+def resolve_layers(layers: Sequence[Layer], plugins: PluginRegistry) -> RunConfig:
+    """:func:`resolve` for layers already gathered.
+
+    Raises:
+        ConfigError: one line per mistake.
+    """
+    base = RunConfig().model_dump()
+    data, origins = merge(base, layers)
+    check_version(data, origins)
+    problems = _unknown_names(data, plugins)
+    unknown = {problem.key[0] for problem in problems}
+    if "method" in unknown or not isinstance(data["method"], str):
+        model: type[RunConfig] = RunConfig
+    else:
+        chain = plugins.method_chain(data["method"])
+        used = [spec.name for spec in chain]
+        layers = [layer.without_options(used) if layer.preset else layer for layer in layers]
+        data, origins = merge(base, layers)
+        _open_sections(data, [spec.name for spec in chain if spec.config])
+        env = data["env"] if isinstance(data["env"], str) and "env" not in unknown else None
+        model = full_model(plugins, chain, env)
+        problems += _foreign_options(data, used, [s.name for s in chain if s.config], plugins)
+    try:
+        validated = model.model_validate(_without_keys(data, problems))
+    except ValidationError as error:
+        problems += problems_of(error, model)
+    raise_problems(problems, origins)
+    return _complete(validated, plugins.games[validated.env])
+
+
+def load_resolved(path: Path) -> RunConfig:
+    """A config stored with a run, as it was; plugins' options are not checked again.
+
+    Raises:
+        ConfigError: it cannot be read, is wrong or of a newer version.
+    """
+    layer = file_layer(Path(path))
+    data, origins = merge({}, [layer])
+    check_version(data, origins)
+    try:
+        return RunConfig.model_validate(data)
+    except ValidationError as error:
+        raise_problems(problems_of(error, RunConfig), origins)
+        raise
+
+
+def check_version(data: Mapping[str, Any], origins: Mapping[Key, str]) -> None:
+    """Refuse a config written for a newer schema: its other errors would mislead.
+
+    Raises:
+        ConfigError: ``version`` is above this code's.
+    """
+    version = data.get("version")
+    if isinstance(version, int) and version > SCHEMA_VERSION:
+        reason = f"is {version}, newer than this apil understands ({SCHEMA_VERSION}): upgrade apil"
+        raise_problems([Problem(("version",), reason)], origins)
+
+
+def flatten(data: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Dotted keys → values of nested mappings."""
+    flat: dict[str, Any] = {}
+    for key, value in data.items():
+        if isinstance(value, Mapping) and value:
+            flat.update(flatten(value, f"{prefix}{key}."))
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def differences(a: RunConfig, b: RunConfig) -> dict[str, tuple[Any, Any]]:
+    """Dotted keys whose values differ; ``None`` where one side has no such key."""
+    first, second = (flatten(config.model_dump(mode="json")) for config in (a, b))
+    keys = [*first, *(key for key in second if key not in first)]
+    return {k: (first.get(k), second.get(k)) for k in keys if first.get(k) != second.get(k)}
+
+
+def _unknown_names(data: Mapping[str, Any], plugins: PluginRegistry) -> list[Problem]:
+    named: dict[str, tuple[str, list[str]]] = {
+        "method": ("method", list(plugins.methods)),
+        "env": ("game", list(plugins.games)),
+        "recorders": ("recorder", list(plugins.recorders)),
+        "observers": ("plugin", names(plugins.records)),
+    }
+    problems = []
+    for key, (kind, known) in named.items():
+        value = data[key]
+        if isinstance(value, str) and value not in known and key in ("method", "env"):
+            problems.append(unknown_name((key,), kind, value, known))
+        elif isinstance(value, (list, tuple)):
+            strangers = [(i, str(name)) for i, name in enumerate(value) if name not in known]
+            problems += [unknown_name((key, i), kind, name, known) for i, name in strangers]
+    device = data["device"]
+    if isinstance(device, str) and not re.fullmatch(r"cpu|cuda(:\d+)?", device):
+        problems.append(unknown_name(("device",), "device", device, ["cpu", "cuda", "cuda:N"]))
+    return problems
+
+
+def _open_sections(data: dict[str, Any], configurable: Sequence[str]) -> None:
+    """Give every method with options a section, so that its defaults are filled in."""
+    options = data["options"]
+    if isinstance(options, Mapping):
+        given = {name: {} if section is None else section for name, section in options.items()}
+        data["options"] = {**{name: {} for name in configurable}, **given}
+
+
+def _foreign_options(
+    data: Mapping[str, Any], used: Sequence[str], configurable: Sequence[str], plugins: PluginRegistry
+) -> list[Problem]:
+    """Option sections that nothing in this run reads."""
+    if not isinstance(data["options"], Mapping):
+        return []
+    problems = []
+    for name in data["options"]:
+        if name in configurable:
+            continue
+        if name in used:
+            reason = f"method {name!r} has no options"
+        elif name in plugins.methods:
+            readers = ", ".join(configurable) or "none"
+            reason = f"method {data['method']!r} does not use {name!r} (option sections it reads: {readers})"
+        else:
+            reason = f"unknown method {name!r}{suggest(str(name), plugins.methods)}"
+        problems.append(Problem(("options", name), reason))
+    return problems
+
+
+def _without_keys(data: Mapping[str, Any], problems: Sequence[Problem]) -> dict[str, Any]:
+    """``data`` without the option sections already found wrong, lest they be reported twice."""
+    wrong = {problem.key[1] for problem in problems if problem.key[0] == "options"}
+    if not wrong:
+        return dict(data)
+    return {**data, "options": {name: s for name, s in data["options"].items() if name not in wrong}}
+
+
+def _complete(config: RunConfig, game: GameSpec) -> RunConfig:
+    """Plain ``RunConfig`` in which "the game's own" is spelt out."""
+    data = config.model_dump(mode="json")
+    own = game.rewards
+    rewards = {
+        "dense_weight": own.dense_weight,
+        "sparse_weight": own.sparse_weight,
+        "anneal_fraction": own.anneal_fraction,
+    }
+    for key, value in rewards.items():
+        data["reward"][key] = value if data["reward"][key] is None else data["reward"][key]
+    if data["victim_side"] is None:
+        data["victim_side"] = game.victim_side
+    if data["victim"] == "auto" and data["victim_side"] == game.victim_side and game.default_victim:
+        data["victim"] = game.default_victim
+    try:
+        return RunConfig.model_validate(data)
+    except ValidationError as error:  # a game's spec with impossible weights
+        raise ConfigError(f"game {game.name!r} has wrong defaults: {error}") from error

@@ -1,0 +1,214 @@
+"""Where config values come from: files, presets, ``--set`` and flags, each remembering its origin.
+
+A layer is plain nested data plus, for every key in it, the text that error messages start with
+(``paper.yaml:3``, ``--set ppo.epochs=0``, ``preset paper``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
+
+from apil_core.errors import ConfigError, UnknownNameError
+
+Key = tuple[str | int, ...]
+
+_PATH_KEYS = ("init_from", "plugins")
+
+
+@dataclass
+class Layer:
+    """One source of values.
+
+    Attributes:
+        data: nested mappings, lists and scalars.
+        origins: key path → where it was written.
+        preset: a preset's options for methods that are not in use are dropped, others' are errors.
+    """
+
+    data: dict[str, Any]
+    origins: dict[Key, str] = field(default_factory=dict)
+    preset: bool = False
+
+    def without_options(self, used: Sequence[str]) -> Layer:
+        """The same layer with the option sections of methods in ``used`` only."""
+        options = self.data.get("options")
+        if not isinstance(options, Mapping):
+            return self
+        kept = {name: section for name, section in options.items() if name in used}
+        return Layer({**self.data, "options": kept}, self.origins, self.preset)
+
+
+def preset_names() -> list[str]:
+    """Presets that ship with the package."""
+    folder = resources.files("apil_core") / "presets"
+    return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+
+
+def preset_layer(name: str) -> Layer:
+    """The values of a preset.
+
+    Raises:
+        UnknownNameError: there is no preset of that name.
+    """
+    if name not in preset_names():
+        raise UnknownNameError("preset", name, preset_names())
+    text = (resources.files("apil_core") / "presets" / f"{name}.yaml").read_text("utf-8")
+    data, lines = parse_yaml(text, f"preset {name}")
+    return Layer(data, dict.fromkeys(lines, f"preset {name}"), preset=True)
+
+
+def file_layer(path: Path) -> Layer:
+    """The values of a YAML file, or of the ``config.yaml`` in a run directory.
+
+    Relative paths in it (``plugins``, ``init_from``) are relative to the file.
+
+    Raises:
+        ConfigError: it cannot be read or is not a YAML mapping.
+    """
+    path = path / "config.yaml" if path.is_dir() else path
+    try:
+        text = path.read_text("utf-8")
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from error
+    data, lines = parse_yaml(text, str(path))
+    for key in _PATH_KEYS:
+        data.update({key: _relative_to(path.parent, data[key])} if key in data else {})
+    return Layer(data, {key: f"{path}:{line}" for key, line in lines.items()})
+
+
+def set_layer(assignment: str) -> Layer:
+    """The one value of a ``--set a.b=c``; the value is read as YAML.
+
+    Raises:
+        ConfigError: it has no ``=``, an empty key or a value that is no YAML.
+    """
+    origin = f"--set {assignment}"
+    dotted, equals, text = assignment.partition("=")
+    parts = tuple(dotted.strip().split("."))
+    if not equals or not all(parts):
+        raise ConfigError(f"{origin}: expected key=value, e.g. ppo.epochs=8")
+    try:
+        value = YAML(typ="safe", pure=True).load(StringIO(text))
+    except YAMLError as error:
+        raise ConfigError(f"{origin}: the value is not YAML: {_reason(error)}") from error
+    return Layer(_nest(parts, value), dict.fromkeys(_keys(value, parts), origin))
+
+
+def flag_layer(flags: Mapping[str, Any]) -> Layer:
+    """Values of flags by config key (``num_envs``); ``None`` means not given."""
+    given = {key: value for key, value in flags.items() if value is not None}
+    names = {key: "plugin" if key == "plugins" else key.replace("_", "-") for key in given}
+    return Layer(given, {(key,): f"--{names[key]} {_shown(value)}" for key, value in given.items()})
+
+
+def merge(base: Mapping[str, Any], layers: Sequence[Layer]) -> tuple[dict[str, Any], dict[Key, str]]:
+    """``base`` with the layers laid over it, later ones on top, and the origin of what they set."""
+    data: dict[str, Any] = dict(base)
+    origins: dict[Key, str] = {}
+    for layer in layers:
+        data = _overlay(data, layer.data)
+        origins = {key: o for key, o in origins.items() if not _covered(key, layer)} | layer.origins
+    return data, origins
+
+
+def parse_yaml(text: str, origin: str) -> tuple[dict[str, Any], dict[Key, int]]:
+    """Data of a YAML mapping and the line (from 1) of each of its keys.
+
+    Raises:
+        ConfigError: it is not YAML or not a mapping; the message starts with ``origin:line``.
+    """
+    try:
+        data = YAML(typ="safe", pure=True).load(StringIO(text))
+        root = YAML(typ="safe", pure=True).compose(StringIO(text))
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = f":{mark.line + 1}" if mark else ""
+        raise ConfigError(f"{origin}{line}: {_reason(error)}") from error
+    except YAMLError as error:
+        raise ConfigError(f"{origin}: {_reason(error)}") from error
+    if data is None:
+        return {}, {}
+    if not isinstance(data, dict):
+        raise ConfigError(f"{origin}:1: expected keys and values, got {type(data).__name__}")
+    lines: dict[Key, int] = {}
+    _collect_lines(root, (), lines)
+    return data, lines
+
+
+def _collect_lines(node: Node, prefix: Key, lines: dict[Key, int]) -> None:
+    if isinstance(node, MappingNode):
+        for key, value in node.value:
+            lines[(*prefix, key.value)] = key.start_mark.line + 1
+            _collect_lines(value, (*prefix, key.value), lines)
+    elif isinstance(node, SequenceNode):
+        for index, item in enumerate(node.value):
+            lines[(*prefix, index)] = item.start_mark.line + 1
+
+
+def _overlay(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(base)
+    for key, value in over.items():
+        below = merged.get(key)
+        if isinstance(below, Mapping) and isinstance(value, Mapping):
+            merged[key] = _overlay(below, value)
+        elif not (isinstance(below, Mapping) and value is None):  # an empty section changes nothing
+            merged[key] = value
+    return merged
+
+
+def _covered(key: Key, layer: Layer) -> bool:
+    """Whether ``layer`` has the last word on ``key``: sets it, something below it, or replaces it."""
+    for other in layer.origins:
+        if other[: len(key)] == key:
+            return True
+        if key[: len(other)] == other and not isinstance(_value_at(layer.data, other), Mapping):
+            return True
+    return False
+
+
+def _value_at(data: Any, key: Key) -> Any:
+    for part in key:
+        if isinstance(data, list) and isinstance(part, int):
+            data = data[part]
+        else:
+            data = data.get(part) if isinstance(data, Mapping) else None
+    return data
+
+
+def _keys(data: Any, prefix: Key) -> list[Key]:
+    below = data.items() if isinstance(data, Mapping) else ()
+    return [prefix, *(key for name, value in below for key in _keys(value, (*prefix, name)))]
+
+
+def _relative_to(folder: Path, value: Any) -> Any:
+    if isinstance(value, str):
+        return str((folder / value).resolve())
+    if isinstance(value, list):
+        return [_relative_to(folder, item) for item in value]
+    return value
+
+
+def _nest(parts: Sequence[str], value: Any) -> dict[str, Any]:
+    for part in reversed(parts[1:]):
+        value = {part: value}
+    return {parts[0]: value}
+
+
+def _shown(value: Any) -> str:
+    return " ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
+
+
+def _reason(error: YAMLError) -> str:
+    text = getattr(error, "problem", None) or str(error)
+    return " ".join(text.split("\n")[0].split())

@@ -1,0 +1,68 @@
+"""The complete typed model of one run's config: the core's, each method's and the game's in one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from pydantic import BaseModel, Field, create_model
+
+from apil_core.config import RunConfig, Section
+from apil_core.errors import PluginError
+from apil_core.plugins import PluginRegistry
+from apil_core.specs import MethodSpec, load
+
+
+class NoOptions(Section):
+    """For a game without options."""
+
+
+def full_model(
+    plugins: PluginRegistry, methods: Iterable[MethodSpec], env: str | None = None
+) -> type[RunConfig]:
+    """``RunConfig`` with ``options`` typed by the methods' models and ``game`` by the game's.
+
+    Args:
+        plugins: where the game is looked up.
+        methods: whose options are allowed.
+        env: the game; ``None`` leaves its options untyped.
+    """
+    sections: Any = {spec.name: (options_model(spec.config), ...) for spec in methods if spec.config}
+    fields: Any = {"options": _field("options", create_model("MethodOptions", __base__=Section, **sections))}
+    if env is not None:
+        reference = plugins.games[env].config
+        fields["game"] = _field("game", options_model(reference) if reference else NoOptions)
+    return create_model("RunConfig", __base__=RunConfig, **fields)
+
+
+def options_model(reference: str) -> type[BaseModel]:
+    """The pydantic model a spec names.
+
+    Raises:
+        PluginError: it cannot be loaded or is no pydantic model.
+    """
+    model = load(reference)
+    if not (isinstance(model, type) and issubclass(model, BaseModel)):
+        raise PluginError(f"{reference} must be a pydantic model, got {model!r}")
+    return model
+
+
+def json_schema(plugins: PluginRegistry, method: str | None = None) -> dict[str, Any]:
+    """JSON Schema of config files: of one method's, or with the options of all methods."""
+    methods = plugins.method_chain(method) if method else plugins.methods.values()
+    model = full_model(plugins, methods)
+    schema = model.model_json_schema()
+    schema.pop("required", None)  # a file may leave out whatever has a default
+    for section in schema.get("$defs", {}).values():
+        if section.get("title") == "MethodOptions":
+            section.pop("required", None)
+    names = {"method": plugins.methods, "env": plugins.games}
+    for key, known in names.items():
+        schema["properties"][key]["enum"] = sorted(known)
+    if method:
+        schema["properties"]["method"]["enum"] = [method]
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+def _field(name: str, model: type[BaseModel]) -> tuple[type[BaseModel], Any]:
+    return model, Field(description=RunConfig.model_fields[name].description)

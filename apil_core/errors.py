@@ -1,0 +1,43 @@
+"""Errors a user can cause or mend. The command line prints them as one line, without a traceback."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class ApilError(Exception):
+    """A user's mistake or a missing thing: says what, where, and what would be right."""
+
+    exit_code = 2
+
+
+class ConfigError(ApilError):
+    """A key or value in a config file, preset or ``--set`` is wrong."""
+
+
+class UnknownNameError(ApilError):
+    """A method, game, victim, hook or preset of that name does not exist."""
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]):
+        super().__init__(f"unknown {kind} {name!r}{suggest(name, known)}")
+
+
+class PluginError(ApilError):
+    """A plugin is broken; the message carries its name."""
+
+
+class VictimError(ApilError):
+    """A victim's weights are missing, damaged or not what they claim to be."""
+
+
+class RunDirError(ApilError):
+    """A run directory or checkpoint cannot be read, written or continued."""
+
+
+def suggest(name: str, known: Iterable[str]) -> str:
+    """``" (did you mean 'x'?; known: ...)"`` for an unknown ``name`` among ``known``."""
+    names = sorted(known)
+    close = difflib.get_close_matches(name, names, n=1)
+    listing = ", ".join(names) if names else "none"
+    return f" (did you mean {close[0]!r}? known: {listing})" if close else f" (known: {listing})"

@@ -1,0 +1,132 @@
+"""The contract of a game: ``num_envs`` two-player games stepped together, in numpy.
+
+The rules exist once, here in batched form; :mod:`apil_core.views` shows the same object as a
+PettingZoo ``ParallelEnv`` and as a Gymnasium ``Env``, :mod:`apil_core.game_env` as the trainer's
+``VecEnv``. Nothing in this file knows torch.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+NO_WINNER = -1
+"""Value of :attr:`GameStep.winner` for a tie, and for a game that goes on."""
+
+
+@dataclass(frozen=True)
+class SideLayout:
+    """Sizes and meaning of what one side sees and does.
+
+    Attributes:
+        name: e.g. ``"kicker"``.
+        observation_size: length of its flat observation.
+        action_size: length of its continuous action.
+        action_low, action_high: bounds of every action component (the game clips to them).
+        blocks: named parts of the observation, in order; they tile it without gaps.
+        opponent_channels: indices of the observation that tell about the opponent (blinding).
+    """
+
+    name: str
+    observation_size: int
+    action_size: int
+    action_low: float
+    action_high: float
+    blocks: dict[str, slice] = field(default_factory=dict)
+    opponent_channels: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class GameLayout:
+    """What never changes during a run: both sides, the step limit and the names of endings.
+
+    ``causes`` are short kebab-case names of the ways a game can end, e.g. ``("goal", "time-up",
+    "diverged")``; :attr:`GameStep.cause` indexes them.
+    """
+
+    sides: tuple[SideLayout, SideLayout]
+    max_steps: int
+    causes: tuple[str, ...]
+
+
+@dataclass
+class GameStep:
+    """What one step of all games gave. Valid until the next call of ``step``.
+
+    Attributes:
+        sparse: outcome reward per side, shape (2, num_envs), float32; zero while a game goes on.
+        dense: movement reward per side as the original games return it, shape (2, num_envs);
+            ``sparse + dense`` is a side's returned reward.
+        shaping: the dense stream training uses, shape (2, num_envs); equals ``dense`` in most games.
+        done: shape (num_envs,), bool: the game ended with this step. Time-outs are outcomes.
+        winner: shape (num_envs,), int8: 0 or 1 where a side won with this step, else ``NO_WINNER``.
+        cause: shape (num_envs,), int8: index into ``GameLayout.causes`` where ``done``.
+        lengths: shape (num_envs,), int32: steps played in each game, this one included.
+    """
+
+    sparse: Array
+    dense: Array
+    shaping: Array
+    done: Array
+    winner: Array
+    cause: Array
+    lengths: Array
+
+
+class Game(ABC):
+    """``num_envs`` independent games of one kind.
+
+    All randomness comes from one ``numpy.random.Generator`` set by :meth:`seed`, so a seed gives
+    the same games bit for bit at any number of threads.
+    """
+
+    layout: GameLayout
+    num_envs: int
+
+    @abstractmethod
+    def seed(self, seed: int) -> None:
+        """Restart the game's random generator."""
+
+    @abstractmethod
+    def reset(self, mask: Array | None = None) -> None:
+        """Start new games where ``mask`` (num_envs,) is true (everywhere if ``None``).
+
+        Only those rows of :attr:`observations` change.
+        """
+
+    @property
+    @abstractmethod
+    def observations(self) -> tuple[Array, Array]:
+        """Current observations of side 0 and 1, each (num_envs, observation_size) float32.
+
+        The arrays handed out before a call of :meth:`step` keep their content until the call
+        after it, so that a transition needs no copy (two buffers in turn will do).
+        """
+
+    @abstractmethod
+    def step(self, actions: tuple[Array, Array], active: Array | None = None) -> GameStep:
+        """Advance every game by one control step; ended games stay ended until :meth:`reset`.
+
+        Args:
+            actions: of side 0 and 1, each (num_envs, action_size); clipped to the bounds here.
+            active: (num_envs,) bool, games to advance; the others keep their state, report
+                ``done=False`` and zero rewards. ``None``: all.
+        """
+
+    @abstractmethod
+    def state_dict(self) -> dict[str, Any]:
+        """Everything :meth:`load_state_dict` needs to go on bit for bit: physics, rules, clock,
+        observations and the random generator. Values: numpy arrays, numbers, strings, dicts."""
+
+    @abstractmethod
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore what :meth:`state_dict` gave, on a game made with the same arguments."""
+
+    def close(self) -> None:  # noqa: B027  (optional)
+        """Release threads, processes or windows."""

@@ -1,0 +1,268 @@
+"""Games with the frozen victim inside: what the learner plays. Follows rsl_rl's ``VecEnv`` by shape.
+
+One step: victim and adversary have seen s_t, the victim has chosen a^ν_t, the adversary's extra
+observations are made (they may read a^ν_t: the oracle), then :meth:`AttackEnv.step` takes a^α_t.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+
+from apil_core.adversary import ObservationBuilder
+from apil_core.config import RunConfig
+from apil_core.episodes import EpisodeStats
+from apil_core.errors import PluginError
+from apil_core.game import Game, GameStep
+from apil_core.method import Run
+from apil_core.normalize import ReturnNormalizer
+from apil_core.policy import Policy
+from apil_core.rewards import annealing, training_reward
+from apil_core.rollout_buffer import RolloutBuffer
+from apil_core.run_hooks import RunHookManager
+from apil_core.specs import RewardWeights
+from apil_core.types import Context, Decision, DiagonalGaussian, Rollout, StepBatch, View
+
+
+@dataclass
+class Pending:
+    """What is known of the current observation before the adversary acts."""
+
+    own: Tensor
+    opponent: Tensor
+    first: Tensor
+    victim: Decision
+    groups: dict[str, Tensor]
+    observations: TensorDict
+
+
+class AttackEnv:
+    """A batch of games, the victim in one seat and the learner in the other.
+
+    Args:
+        game: stepped here and nowhere else.
+        victim: frozen policy.
+        builder: makes the adversary's observations; its statistics grow only if ``learning``.
+        hooks: asked for filters, extra observations and reward terms.
+        config: the run's.
+        weights: of the training reward.
+        adversary_side: index of the learner's seat.
+        generators: ``"victim"`` for its actions, ``"method"`` for hooks.
+        learning: false for side games of ``run.collect``: no statistics, no reward terms.
+    """
+
+    def __init__(
+        self,
+        game: Game,
+        victim: Policy,
+        builder: ObservationBuilder,
+        hooks: RunHookManager,
+        config: RunConfig,
+        *,
+        weights: RewardWeights,
+        adversary_side: int,
+        generators: Mapping[str, torch.Generator],
+        learning: bool = True,
+    ):
+        self.game = game
+        self.victim = victim
+        self.builder = builder
+        self.hooks = hooks
+        self.config = config
+        self.weights = weights
+        self.side = adversary_side
+        self.generators = generators
+        self.learning = learning
+        self.run: Run | None = None
+        self.device = torch.device(config.device)
+        self.num_envs = game.num_envs
+        self.num_actions = game.layout.sides[adversary_side].action_size
+        self.max_episode_length = game.layout.max_steps
+        self.episode_length_buf = torch.zeros(self.num_envs, dtype=torch.long, device=self.device)
+        self.cfg: dict[str, Any] = config.model_dump(mode="json")
+        self.steps = 0
+        self.stats = EpisodeStats(self.num_envs, game.layout.causes, self.device)
+        self.buffer = RolloutBuffer(config.ppo.num_steps)
+        gamma = config.ppo.gamma
+        self.normalizers = {
+            name: ReturnNormalizer(self.num_envs, gamma).to(self.device)
+            for name in ("shaped", "adversary", "victim")
+        }
+        self.contexts = {
+            "adversary": self._context("adversary", adversary_side, generators["method"]),
+            "victim": self._context("victim", 1 - adversary_side, generators["victim"]),
+        }
+        self._filters = hooks.fills("filter_observation")
+        self._shapes = learning and hooks.fills("shape_reward")
+        self._pending: Pending | None = None
+
+    def _context(self, role: Any, side: int, generator: torch.Generator) -> Context:
+        return Context(side=side, role=role, mode="train", device=self.device, generator=generator)
+
+    @property
+    def pending(self) -> Pending:
+        """The current observation; games start with the first call."""
+        if self._pending is None:
+            self.game.reset()
+            self._observe(torch.ones(self.num_envs, dtype=torch.bool, device=self.device))
+        assert self._pending is not None
+        return self._pending
+
+    def get_observations(self) -> TensorDict:
+        """Normalised observation groups of the adversary, batch (num_envs,)."""
+        return self.pending.observations
+
+    @torch.inference_mode()
+    def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
+        """Play one step of every game; ended games start anew.
+
+        Args:
+            actions: of the adversary, shape (num_envs, num_actions).
+
+        Returns:
+            next observations, shaped and normalised rewards (num_envs,), end flags (num_envs,) bool,
+            and an empty dict: time-outs are outcomes here and never bootstrapped.
+        """
+        pending = self.pending
+        seats = [actions.cpu().numpy(), pending.victim.action.cpu().numpy()]
+        result = self.game.step((seats[self.side], seats[1 - self.side]))
+        step = self._step_batch(pending, actions, result)
+        shaped = self._shape(step)
+        self.buffer.add(step, shaped, pending.groups)
+        self.steps += self.num_envs
+        if result.done.any():
+            self.game.reset(result.done)
+        self.episode_length_buf = torch.where(step.done, 0, self.episode_length_buf + 1)
+        self._observe(step.done.clone())
+        return self.pending.observations, shaped, step.done, {}
+
+    def finish_rollout(self) -> Rollout:
+        """All steps since the last call."""
+        pending = self.pending
+        return self.buffer.finish(pending.own, pending.opponent, pending.groups)
+
+    @torch.inference_mode()
+    def _observe(self, first: Tensor) -> None:
+        own, opponent = self._side(self.side), self._side(1 - self.side)
+        victim = self.victim.act(
+            View(own=opponent, opponent=own, first=first),
+            sample=self.config.victim_actions == "sample",
+            generator=self.generators["victim"],
+        )
+        view = View(own=own, opponent=opponent, first=first, opponent_action=victim.action)
+        groups = self.builder.groups(self.contexts["adversary"], view)
+        observations = self.builder.normalize(groups, update=self.learning)
+        self._pending = Pending(own, opponent, first, victim, groups, observations)
+
+    def _side(self, side: int) -> Tensor:
+        observation = torch.from_numpy(self.game.observations[side]).to(self.device)
+        if self._filters:
+            context = self.contexts["adversary" if side == self.side else "victim"]
+            filtered = self.hooks.hook.filter_observation(context=context, side=side, obs=observation)
+            if filtered is not None:
+                if filtered.shape != observation.shape:
+                    got, want = tuple(filtered.shape), tuple(observation.shape)
+                    raise PluginError(f"filter_observation must keep the shape {want}, got {got}")
+                return filtered
+        return observation
+
+    def _step_batch(self, pending: Pending, actions: Tensor, result: GameStep) -> StepBatch:
+        seats = [self.side, 1 - self.side]
+        played = self.steps if self.run is None else self.run.steps
+        c = annealing(self.weights, played, self.config.steps)
+        reward, victim_reward = self._tensor(training_reward(result, self.weights, c)[seats]).float()
+        done = self._tensor(result.done)
+        winner = self._tensor(result.winner)
+        outcome = torch.where(winner < 0, 0, torch.where(winner == self.side, 1, -1)).to(torch.int8)
+        normalized = {}
+        for name, value in (("adversary", reward), ("victim", victim_reward)):
+            normalizer = self.normalizers[name]
+            normalized[name] = normalizer.update(value, done) if self.learning else normalizer(value)
+        return StepBatch(
+            observation=pending.own,
+            victim_observation=pending.opponent,
+            action=actions,
+            victim_action=pending.victim.action,
+            victim_distribution=pending.victim.distribution,
+            reward=reward,
+            victim_reward=victim_reward,
+            normalized_reward=normalized["adversary"],
+            normalized_victim_reward=normalized["victim"],
+            sparse=self._tensor(result.sparse[seats]),
+            dense=self._tensor(result.dense[seats]),
+            first=pending.first,
+            done=done,
+            outcome=outcome,
+            cause=self._tensor(result.cause),
+        )
+
+    def _shape(self, step: StepBatch) -> Tensor:
+        terms: dict[str, Tensor] = {}
+        if self._shapes:
+            answers = self.hooks.hook.shape_reward(run=self.run, step=step)
+            terms = self.hooks.merged(answers, "shape_reward")
+        total = step.reward
+        for name, value in terms.items():
+            if not isinstance(value, Tensor) or value.shape != total.shape:
+                got = tuple(value.shape) if isinstance(value, Tensor) else repr(value)
+                raise PluginError(f"shape_reward: {name!r} must have shape {tuple(total.shape)}, got {got}")
+            total = total + value
+        if not torch.isfinite(total).all():
+            bad = [name for name, value in terms.items() if not torch.isfinite(value).all()]
+            raise PluginError(f"shape_reward: {', '.join(bad) or 'the game'} gives NaN or infinite rewards")
+        self.stats.add(step, {"adversary": step.reward, "victim": step.victim_reward, **terms})
+        if not self.config.reward.normalize:
+            return total
+        normalizer = self.normalizers["shaped"]
+        return normalizer.update(total, step.done) if self.learning else normalizer(total)
+
+    def _tensor(self, array: Any) -> Tensor:
+        return torch.from_numpy(array).to(self.device)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything between two steps: physics, rules, pending decisions, statistics."""
+        pending = self.pending
+        distribution = pending.victim.distribution
+        return {
+            "game": self.game.state_dict(),
+            "victim": self.victim.recurrent_state(),
+            "steps": self.steps,
+            "lengths": self.episode_length_buf.clone(),
+            "stats": self.stats.state_dict(),
+            "normalizers": {name: module.state_dict() for name, module in self.normalizers.items()},
+            "pending": {
+                "own": pending.own.clone(),
+                "opponent": pending.opponent.clone(),
+                "first": pending.first,
+                "action": pending.victim.action,
+                "mean": None if distribution is None else distribution.mean,
+                "std": None if distribution is None else distribution.std,
+                "groups": {name: value.clone() for name, value in pending.groups.items()},
+                "observations": dict(pending.observations.items()),
+            },
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on exactly where :meth:`state_dict` was taken."""
+        self.game.load_state_dict(state["game"])
+        self.victim.load_recurrent_state(state["victim"])
+        self.steps = state["steps"]
+        self.episode_length_buf = state["lengths"].to(self.device)
+        self.stats.load_state_dict(state["stats"])
+        for name, module in self.normalizers.items():
+            module.load_state_dict(state["normalizers"][name])
+        saved = state["pending"]
+        distribution = None if saved["mean"] is None else DiagonalGaussian(saved["mean"], saved["std"])
+        self._pending = Pending(
+            own=saved["own"],
+            opponent=saved["opponent"],
+            first=saved["first"],
+            victim=Decision(saved["action"], distribution),
+            groups=saved["groups"],
+            observations=TensorDict(saved["observations"], batch_size=[self.num_envs], device=self.device),
+        )

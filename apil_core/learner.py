@@ -1,0 +1,243 @@
+"""PPO for every method, on rsl_rl's algorithm, models and storage. The only file that imports rsl_rl.
+
+What rsl_rl does differently from the published PPO is set here (METHODS.md §3, last paragraph):
+fixed schedule with the learning rate annealed from outside, clipped value loss, advantages
+normalised per minibatch, ½ in the value loss, Adam's epsilon 1e-5, orthogonal initial weights.
+Accepted departures: actor and critic are clipped separately; one permutation serves all epochs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from rsl_rl.algorithms import PPO
+from rsl_rl.models import MLPModel
+from rsl_rl.storage import RolloutStorage
+from tensordict import TensorDict
+from torch import Tensor, nn
+
+from apil_core.config import PPOConfig
+from apil_core.networks import mlp
+from apil_core.returns import gae
+from apil_core.types import DiagonalGaussian
+
+_ADAM_EPSILON = 1e-5
+MAIN_STREAM = "reward"
+
+
+class Actor(nn.Module):
+    """The adversary's policy network on normalised observation groups; what is exported after training.
+
+    Args:
+        groups: sizes of the observation groups, in the order they are concatenated.
+        action_size: of the adversary.
+        config: hidden sizes and initial spread.
+    """
+
+    def __init__(self, groups: Mapping[str, int], action_size: int, config: PPOConfig):
+        super().__init__()
+        self.groups = dict(groups)
+        example = TensorDict({name: torch.zeros(1, size) for name, size in groups.items()}, batch_size=[1])
+        self.model = _model(example, action_size, config, stochastic=True)
+
+    def forward(self, observations: TensorDict) -> DiagonalGaussian:
+        """Distribution of the action, (n, a)."""
+        model = self.model
+        mean = model.mlp(model.get_latent(observations))
+        return DiagonalGaussian(mean, model.distribution.log_std_param.exp())
+
+    def hidden(self, observations: TensorDict) -> Tensor:
+        """Last hidden layer, (n, h)."""
+        latent = self.model.get_latent(observations)
+        for layer in list(self.model.mlp)[:-1]:
+            latent = layer(latent)
+        return latent
+
+
+def _model(example: TensorDict, output_size: int, config: PPOConfig, *, stochastic: bool) -> MLPModel:
+    names = list(example.keys())
+    distribution = {
+        "class_name": "rsl_rl.modules.distribution:GaussianDistribution",
+        "init_std": config.init_std,
+        "std_type": "log",
+    }
+    model = MLPModel(
+        example,
+        {"observations": names},
+        "observations",
+        output_size,
+        hidden_dims=config.hidden,
+        activation="tanh",
+        distribution_cfg=distribution if stochastic else None,
+    )
+    sizes = (model.obs_dim, *config.hidden, output_size)
+    published = mlp(sizes, output_gain=0.01 if stochastic else 1.0)
+    model.mlp.load_state_dict(published.state_dict())
+    return model
+
+
+class Learner:
+    """Actor, critics, storage and PPO's update.
+
+    Args:
+        actor: the policy to train.
+        example: normalised observations of all games, for shapes, batch (num_envs,).
+        config: PPO's settings.
+        device: of the networks.
+    """
+
+    def __init__(self, actor: Actor, example: TensorDict, config: PPOConfig, device: torch.device):
+        self.config = config
+        self.device = device
+        self.actor = actor.to(device)
+        self._example = example[:1].clone()
+        num_envs = example.batch_size[0]
+        action_size = actor.model.distribution.output_dim
+        self.storage = RolloutStorage(
+            "rl", num_envs, config.num_steps, example, [action_size], device=str(device)
+        )
+        self.ppo = PPO(
+            actor.model,
+            _model(example, 1, config, stochastic=False),
+            self.storage,
+            num_learning_epochs=config.epochs,
+            num_mini_batches=config.minibatches,
+            clip_param=config.clip,
+            gamma=config.gamma,
+            lam=config.lam,
+            value_loss_coef=0.5 * config.value_coefficient,
+            entropy_coef=config.entropy_coefficient,
+            learning_rate=config.learning_rate,
+            max_grad_norm=config.max_grad_norm,
+            optimizer=config.optimizer,
+            use_clipped_value_loss=True,
+            schedule="fixed",
+            normalize_advantage_per_mini_batch=True,
+            device=str(device),
+        )
+        for group in self.ppo.optimizer.param_groups:
+            group["eps"] = _ADAM_EPSILON
+        self.critics: dict[str, StreamCritic] = {}
+
+    def act(self, observations: TensorDict) -> Tensor:
+        """Draw actions (n, a) and remember what the update needs; torch's global generator draws."""
+        return self.ppo.act(observations)
+
+    def record(self, observations: TensorDict, reward: Tensor, done: Tensor) -> None:
+        """Store the step that :meth:`act` began: normalised reward (n,) and end flags (n,)."""
+        self.ppo.process_env_step(observations, reward, done, {})
+
+    def advantages(self, last: TensorDict, streams: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """GAE per reward stream, each (T, n); also sets every critic's targets.
+
+        Args:
+            last: observations after the last step.
+            streams: reward streams beside the main one, each (T, n).
+        """
+        storage = self.storage
+        with torch.inference_mode():
+            main = self._gae(storage.rewards[..., 0], storage.values[..., 0], self.ppo.critic(last)[:, 0])
+            storage.returns.copy_((main + storage.values[..., 0]).unsqueeze(-1))
+        result = {MAIN_STREAM: main}
+        for name, rewards in streams.items():
+            result[name] = self._stream_critic(name).advantages(self, rewards, last)
+        return result
+
+    def update(self, advantages: Tensor, *, as_given: bool, learning_rate: float) -> dict[str, float]:
+        """PPO's epochs over the stored rollout, and the streams' critics.
+
+        Args:
+            advantages: (T, n).
+            as_given: true for mixed streams, which arrive normalised per rollout; false: normalise
+                per minibatch.
+            learning_rate: for this iteration.
+        """
+        ppo = self.ppo
+        ppo.learning_rate = learning_rate
+        for group in ppo.optimizer.param_groups:
+            group["lr"] = learning_rate
+        ppo.normalize_advantage_per_mini_batch = not as_given
+        self.storage.advantages.copy_(advantages.unsqueeze(-1))
+        observations = self.storage.observations.flatten(0, 1)
+        before = DiagonalGaussian(*(p.flatten(0, 1) for p in self.storage.distribution_params))
+        metrics = {f"ppo/{name}": float(value) for name, value in ppo.update().items()}
+        with torch.inference_mode():
+            after = self.actor(observations)
+            metrics["ppo/kl"] = float(before.kl(after).mean())
+            metrics["ppo/std"] = float(after.std.mean())
+        metrics["ppo/learning_rate"] = learning_rate
+        for name, critic in self.critics.items():
+            metrics[f"ppo/value_{name}"] = critic.update(observations)
+        return metrics
+
+    def state_dict(self) -> dict[str, Any]:
+        """Networks and optimisers; the storage is empty at iteration boundaries."""
+        return {
+            "ppo": self.ppo.save(),
+            "critics": {name: critic.state_dict() for name, critic in self.critics.items()},
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore what :meth:`state_dict` gave."""
+        self.ppo.load(state["ppo"], None, strict=True)
+        for name, critic in state["critics"].items():
+            self._stream_critic(name).load_state_dict(critic)
+
+    def load_networks(self, state: dict[str, Any]) -> None:
+        """Take actor and critic of another run's :meth:`state_dict`, with fresh optimisers."""
+        self.ppo.load(state["ppo"], {"actor": True, "critic": True}, strict=True)
+
+    def _gae(self, rewards: Tensor, values: Tensor, next_value: Tensor) -> Tensor:
+        done = self.storage.dones[..., 0].bool()
+        return gae(rewards, values, next_value, done, gamma=self.config.gamma, lam=self.config.lam)
+
+    def _stream_critic(self, name: str) -> StreamCritic:
+        if name not in self.critics:
+            model = _model(self._example, 1, self.config, stochastic=False).to(self.device)
+            self.critics[name] = StreamCritic(model, self.config)
+        return self.critics[name]
+
+
+class StreamCritic:
+    """The critic of one further reward stream, trained in its own optimiser."""
+
+    def __init__(self, model: MLPModel, config: PPOConfig):
+        self.model = model
+        self.config = config
+        self.optimizer = torch.optim.Adam(model.parameters(), config.learning_rate, eps=_ADAM_EPSILON)
+        self._targets: Tensor | None = None
+
+    def advantages(self, learner: Learner, rewards: Tensor, last: TensorDict) -> Tensor:
+        """GAE of the stream, (T, n); keeps the critic's targets for :meth:`update`."""
+        with torch.inference_mode():
+            values = self.model(learner.storage.observations.flatten(0, 1)).view(rewards.shape)
+            result = learner._gae(rewards, values, self.model(last)[:, 0])
+        self._targets = (result + values).flatten().clone()
+        return result
+
+    def update(self, observations: TensorDict) -> float:
+        """Mean-squared-error epochs over the rollout's observations (T·n,); returns the mean loss."""
+        if self._targets is None:
+            return float("nan")
+        losses: list[Tensor] = []
+        count = self._targets.numel()
+        for _ in range(self.config.epochs):
+            for rows in torch.randperm(count).chunk(self.config.minibatches):
+                loss = (self.model(observations[rows])[:, 0] - self._targets[rows]).square().mean()
+                self.optimizer.zero_grad()
+                loss.backward()
+                nn.utils.clip_grad_norm_(self.model.parameters(), self.config.max_grad_norm)
+                self.optimizer.step()
+                losses.append(loss.detach())
+        return float(torch.stack(losses).mean())
+
+    def state_dict(self) -> dict[str, Any]:
+        """Network and optimiser."""
+        return {"model": self.model.state_dict(), "optimizer": self.optimizer.state_dict()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore what :meth:`state_dict` gave."""
+        self.model.load_state_dict(state["model"])
+        self.optimizer.load_state_dict(state["optimizer"])

@@ -1,0 +1,105 @@
+"""What an attack method is made of: the base class, and the run it meets in its hooks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import torch
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+    from apil_core.config import PPOConfig, RunConfig
+    from apil_core.game import GameLayout, SideLayout
+    from apil_core.policy import Policy
+    from apil_core.types import Rollout
+
+
+@dataclass(frozen=True)
+class MethodSetup:
+    """What a method needs to build its networks, the same in training and in a later evaluation.
+
+    Attributes:
+        layout: sizes of both sides.
+        adversary_side: index of the trained side; the victim has the other.
+        device: where networks live.
+        seed: for the initial weights; torch's global generator is seeded before construction.
+        ppo: settings shared by all methods.
+        methods: the methods this one requires, already built, by name.
+    """
+
+    layout: GameLayout
+    adversary_side: int
+    device: torch.device
+    seed: int
+    ppo: PPOConfig
+    methods: Mapping[str, Method]
+
+    @property
+    def adversary(self) -> SideLayout:
+        """Layout of the trained side."""
+        return self.layout.sides[self.adversary_side]
+
+    @property
+    def victim(self) -> SideLayout:
+        """Layout of the attacked side."""
+        return self.layout.sides[1 - self.adversary_side]
+
+
+class Method:
+    """Base of every attack method. Hooks are methods marked with ``@hookimpl``.
+
+    Subclasses build their networks in ``__init__`` and return all that must survive a restart
+    (weights, optimisers, statistics) from :meth:`state_dict`. The same object without a run serves
+    evaluation, so ``extend_observation`` may use nothing but what is built here.
+    """
+
+    def __init__(self, options: BaseModel | None, setup: MethodSetup):
+        self.options = options
+        self.setup = setup
+
+    def state_dict(self) -> dict[str, Any]:
+        """Tensors, numbers, strings and dicts of them; empty for a method without state."""
+        return {}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore what :meth:`state_dict` gave."""
+        if state:
+            raise ValueError(f"{type(self).__name__} has no state to load, got {sorted(state)}")
+
+
+class Run(Protocol):
+    """The run as hooks see it.
+
+    Attributes:
+        config: the resolved configuration.
+        layout: of the game.
+        adversary_side: index of the trained side.
+        device: of the networks.
+        generator: for a method's own random draws; saved and restored with the run.
+        steps: environment steps collected so far (all rollouts, :meth:`collect` included).
+        total_steps: the run's budget.
+        iteration: index of the current iteration, from 0.
+        hook: caller of all hooks, those that methods open included: ``run.hook.<name>(...)``.
+    """
+
+    config: RunConfig
+    layout: GameLayout
+    adversary_side: int
+    device: torch.device
+    generator: torch.Generator
+    total_steps: int
+    iteration: int
+    hook: Any
+
+    @property
+    def steps(self) -> int:
+        """Environment steps collected so far."""
+        ...
+
+    def collect(self, victim_side_policy: Policy, steps: int) -> Rollout:
+        """Play ``steps`` vectorised steps in a second set of games, the current adversary against the
+        given policy in the victim's seat. Counted in the budget; nothing of it reaches PPO."""
+        ...

@@ -1,0 +1,113 @@
+"""Running normalisation of observations and rewards (METHODS.md §1), as PPO implementations do it.
+
+Statistics are float64 (a run adds tens of millions of samples), results float32.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+_EPSILON = 1e-8
+
+
+class RunningMoments(nn.Module):
+    """Mean and variance over all rows seen, by the parallel formula of Chan et al. (1979).
+
+    Args:
+        size: length of a row.
+    """
+
+    mean: Tensor
+    var: Tensor
+    count: Tensor
+
+    def __init__(self, size: int):
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(size, dtype=torch.float64))
+        self.register_buffer("var", torch.ones(size, dtype=torch.float64))
+        self.register_buffer("count", torch.zeros((), dtype=torch.float64))
+
+    @torch.no_grad()
+    def update(self, rows: Tensor) -> None:
+        """Take in ``rows``, shape (m, size)."""
+        count = rows.shape[0]
+        if count == 0:
+            return
+        rows = rows.double()
+        mean = rows.mean(0)
+        var = (rows - mean).square().mean(0)
+        total = self.count + count
+        delta = mean - self.mean
+        if self.count == 0:
+            self.var.copy_(var)
+        else:
+            share = count / total
+            self.var.mul_(1 - share).add_(share * var + delta.square() * (share * (1 - share)))
+        self.mean.add_(delta * (count / total))
+        self.count.copy_(total)
+
+
+class ObservationNormalizer(nn.Module):
+    """``clip((x - mean) / std, ±clip)`` with running mean and standard deviation per component.
+
+    Args:
+        size: length of an observation.
+        clip: bound of the result.
+    """
+
+    shift: Tensor
+    scale: Tensor
+
+    def __init__(self, size: int, clip: float = 10.0):
+        super().__init__()
+        self.clip = clip
+        self.moments = RunningMoments(size)
+        # float32 copies of the moments: the hot loop shall not convert at every step
+        self.register_buffer("shift", torch.zeros(size))
+        self.register_buffer("scale", torch.ones(size))
+
+    def update(self, observations: Tensor) -> None:
+        """Take in observations, shape (m, size)."""
+        self.moments.update(observations)
+        self.shift.copy_(self.moments.mean)
+        self.scale.copy_((self.moments.var + _EPSILON).rsqrt())
+
+    def forward(self, observations: Tensor) -> Tensor:
+        """Normalise, shape (..., size) → (..., size)."""
+        return ((observations - self.shift) * self.scale).clamp_(-self.clip, self.clip)
+
+
+class ReturnNormalizer(nn.Module):
+    """Divides a reward by the running standard deviation of its discounted return, clipped.
+
+    The return of each game is ``R_t = γ R_{t-1} + r_t``, restarted when a game ends.
+
+    Args:
+        num_envs: number of games.
+        gamma: discount per step.
+        clip: bound of the result.
+    """
+
+    returns: Tensor
+
+    def __init__(self, num_envs: int, gamma: float, clip: float = 10.0):
+        super().__init__()
+        self.gamma = gamma
+        self.clip = clip
+        self.moments = RunningMoments(1)
+        self.register_buffer("returns", torch.zeros(num_envs, dtype=torch.float64))
+
+    @torch.no_grad()
+    def update(self, reward: Tensor, done: Tensor) -> Tensor:
+        """Take in one step's rewards (n,) and end flags (n,), and return the rewards normalised, (n,)."""
+        self.returns.mul_(self.gamma).add_(reward)
+        self.moments.update(self.returns.unsqueeze(-1))
+        self.returns[done] = 0.0
+        return self(reward)
+
+    def forward(self, reward: Tensor) -> Tensor:
+        """Normalise with the present statistics, shape unchanged."""
+        # The very first rewards may all be zero: without spread there is nothing to divide by.
+        scale = (self.moments.var + _EPSILON).rsqrt().to(reward.dtype)
+        return (reward * scale).clamp_(-self.clip, self.clip)

@@ -1,0 +1,213 @@
+"""Finding plugins, keeping broken ones apart, and building the hook manager of one run.
+
+A *process-wide* manager finds plugins and asks what they offer; a *per-run* manager holds only the
+chosen method, what it requires, and the observers switched on.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+import os
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pluggy
+
+from apil_core.errors import PluginError, UnknownNameError
+from apil_core.hooks import PROJECT
+from apil_core.hookspecs import ProcessHooks
+from apil_core.specs import GameSpec, MethodSpec, PolicySpec, RecorderSpec
+
+ENTRY_POINT_GROUP = "apil"
+
+_OFFERS = {
+    "methods": ("register_methods", MethodSpec, "name"),
+    "games": ("register_games", GameSpec, "name"),
+    "policies": ("register_policies", PolicySpec, "scheme"),
+    "recorders": ("register_recorders", RecorderSpec, "name"),
+}
+
+
+@dataclass
+class PluginRecord:
+    """What is known of one plugin, working or broken.
+
+    Attributes:
+        name: unique among plugins.
+        version: of its distribution, or ``""``.
+        origin: entry point or file it came from.
+        hooks: hooks it fills in the process-wide manager.
+        methods, games, policies, recorders: names it offers.
+        error: why it was left out, or ``None``.
+    """
+
+    name: str
+    version: str
+    origin: str
+    hooks: tuple[str, ...] = ()
+    methods: tuple[str, ...] = ()
+    games: tuple[str, ...] = ()
+    policies: tuple[str, ...] = ()
+    recorders: tuple[str, ...] = ()
+    error: str | None = None
+
+
+@dataclass
+class PluginRegistry:
+    """All plugins of this process and what the working ones offer, by name."""
+
+    records: list[PluginRecord] = field(default_factory=list)
+    methods: dict[str, MethodSpec] = field(default_factory=dict)
+    games: dict[str, GameSpec] = field(default_factory=dict)
+    policies: dict[str, PolicySpec] = field(default_factory=dict)
+    recorders: dict[str, RecorderSpec] = field(default_factory=dict)
+    modules: dict[str, Any] = field(default_factory=dict)
+
+    def add(self, record: PluginRecord, plugin: Any) -> None:
+        """Ask ``plugin`` what it offers and take it in, or record why not."""
+        try:
+            offers = _ask(record, plugin)
+            self._check_duplicates(offers)
+        except Exception as error:
+            self._reject(record, error)
+            return
+        self.records.append(record)
+        self.modules[record.name] = plugin
+        for kind, specs in offers.items():
+            getattr(self, kind).update(specs)
+            setattr(record, kind, tuple(specs))
+
+    def add_failure(self, record: PluginRecord, error: Exception) -> None:
+        """Record a plugin that could not even be imported."""
+        self._reject(record, error)
+
+    def method_chain(self, name: str) -> tuple[MethodSpec, ...]:
+        """The method and all it requires, requirements first.
+
+        Raises:
+            UnknownNameError: no such method.
+            PluginError: a required method is missing or requirements form a circle.
+        """
+        if name not in self.methods:
+            raise UnknownNameError("method", name, self.methods)
+        chain: dict[str, MethodSpec] = {}
+        self._visit(name, chain, ())
+        return tuple(chain.values())
+
+    def _visit(self, name: str, chain: dict[str, MethodSpec], path: tuple[str, ...]) -> None:
+        if name in path:
+            raise PluginError(f"methods require each other in a circle: {' → '.join([*path, name])}")
+        if name not in self.methods:
+            broken = [f"{r.name}: {r.error}" for r in self.records if r.error]
+            hint = f"; broken plugins: {'; '.join(broken)}" if broken else ""
+            raise PluginError(f"method {path[-1]!r} requires {name!r}, which no working plugin offers{hint}")
+        for required in self.methods[name].requires:
+            self._visit(required, chain, (*path, name))
+        chain[name] = self.methods[name]
+
+    def _check_duplicates(self, offers: dict[str, dict[str, Any]]) -> None:
+        for kind, specs in offers.items():
+            for name in specs:
+                if name in getattr(self, kind):
+                    owner = next(r.name for r in self.records if name in getattr(r, kind))
+                    raise PluginError(f"{kind[:-1]} {name!r} is already offered by plugin {owner!r}")
+
+    def _reject(self, record: PluginRecord, error: Exception) -> None:
+        reason = " ".join(str(error).split()) or "no message"
+        record.error = reason if isinstance(error, PluginError) else f"{type(error).__name__}: {reason}"
+        self.records.append(record)
+        if os.environ.get("APIL_STRICT_PLUGINS") == "1":
+            raise PluginError(f"plugin {record.name!r} ({record.origin}) is broken: {record.error}") from error
+
+
+def _ask(record: PluginRecord, plugin: Any) -> dict[str, dict[str, Any]]:
+    # A manager of its own per plugin: whatever pluggy objects to is that plugin's fault.
+    manager = pluggy.PluginManager(PROJECT)
+    manager.add_hookspecs(ProcessHooks)
+    manager.register(plugin, name=record.name)
+    manager.check_pending()
+    callers = manager.get_hookcallers(plugin) or []
+    record.hooks = tuple(sorted(caller.name for caller in callers))
+    offers: dict[str, dict[str, Any]] = {}
+    for kind, (hook, spec_type, key) in _OFFERS.items():
+        offers[kind] = {}
+        for answer in getattr(manager.hook, hook)():
+            for spec in answer:
+                if not isinstance(spec, spec_type):
+                    raise PluginError(f"{hook} must return {spec_type.__name__} objects, got {spec!r}")
+                if getattr(spec, key) in offers[kind]:
+                    raise PluginError(f"{hook} returns {getattr(spec, key)!r} twice")
+                offers[kind][getattr(spec, key)] = spec
+    return offers
+
+
+def discover(files: Sequence[str | Path] = ()) -> PluginRegistry:
+    """Find all plugins: entry points of group ``apil``, then one-file plugins.
+
+    A plugin that fails is recorded with its error and left out; ``APIL_STRICT_PLUGINS=1`` raises.
+
+    Args:
+        files: paths of one-file plugins (``--plugin FILE.py``); a missing file raises ``PluginError``,
+            since the user asked for that very file.
+    """
+    registry = PluginRegistry()
+    entry_points = importlib.metadata.entry_points(group=ENTRY_POINT_GROUP)
+    for entry_point in sorted(entry_points, key=lambda e: (e.dist is None or e.dist.name != PROJECT, e.name)):
+        version = entry_point.dist.version if entry_point.dist else ""
+        record = PluginRecord(entry_point.name, version, f"entry point {entry_point.value}")
+        if any(r.name == record.name for r in registry.records):
+            registry.add_failure(record, PluginError(f"a plugin named {record.name!r} exists already"))
+            continue
+        try:
+            plugin = entry_point.load()
+        except Exception as error:
+            registry.add_failure(record, error)
+        else:
+            registry.add(record, plugin)
+    for file in files:
+        _add_file(registry, Path(file))
+    return registry
+
+
+def _add_file(registry: PluginRegistry, path: Path) -> None:
+    if not path.is_file():
+        raise PluginError(f"--plugin {path}: no such file")
+    record = PluginRecord(path.stem, "", f"file {path.resolve()}")
+    try:
+        plugin = import_file(path)
+    except Exception as error:
+        registry.add_failure(record, error)
+    else:
+        registry.add(record, plugin)
+    if record.error is not None:
+        raise PluginError(f"--plugin {path}: {record.error}")
+
+
+def import_file(path: Path) -> Any:
+    """Import a one-file plugin under its stem, so that its specs can name ``"<stem>:Class"``."""
+    name = path.stem
+    loaded = sys.modules.get(name)
+    if loaded is not None:
+        if Path(getattr(loaded, "__file__", "") or "").resolve() == path.resolve():
+            return loaded
+        raise PluginError(f"its name {name!r} is taken by an imported module; rename the file")
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise PluginError("not a Python file (its name must end in .py)")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+def names(records: Iterable[PluginRecord]) -> list[str]:
+    """Names of the working plugins among ``records``."""
+    return [record.name for record in records if record.error is None]

@@ -1,0 +1,68 @@
+"""The contract of a policy: one side's acting mind, batched over games."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from apil_core.types import Decision, View
+
+
+@dataclass(frozen=True)
+class PolicyInfo:
+    """Identity of a policy, stored with every score.
+
+    Attributes:
+        name: full name, e.g. ``"zoo:kick-and-defend/kicker/v1"``.
+        sha256: of the weights the policy was made from.
+        observation_size, action_size: what it reads and gives.
+        provenance: where it came from, for people.
+    """
+
+    name: str
+    sha256: str
+    observation_size: int
+    action_size: int
+    provenance: dict[str, str] = field(default_factory=dict)
+
+
+class Policy(ABC):
+    """A policy for one side. Serves training, evaluation, cross-play and video alike.
+
+    Recurrent state lives inside, one row per game; ``act`` clears the rows where ``view.first``.
+    The number of games may change between calls only together with ``first`` all true.
+    """
+
+    info: PolicyInfo
+
+    @abstractmethod
+    def act(
+        self,
+        view: View,
+        *,
+        sample: bool,
+        generator: torch.Generator | None = None,
+        activations: bool = False,
+    ) -> Decision:
+        """Choose actions for every game.
+
+        Args:
+            view: see :class:`apil_core.View`.
+            sample: draw from the distribution (true) or take its mode (false).
+            generator: source of the draw; required for reproducible sampling.
+            activations: also return the last hidden layer as ``activations["hidden"]``, (n, k).
+        """
+
+    def to(self, device: torch.device | str) -> Policy:
+        """Move weights and state to ``device``; returns self."""
+        return self
+
+    def recurrent_state(self) -> dict[str, Tensor]:
+        """State carried between steps (empty for feed-forward policies), for exact resume."""
+        return {}
+
+    def load_recurrent_state(self, state: dict[str, Tensor]) -> None:  # noqa: B027  (optional)
+        """Restore what :meth:`recurrent_state` gave."""

@@ -1,0 +1,40 @@
+"""Where a run tells people how it goes. The command line brings a live view; libraries may stay silent."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from apil_core.config import RunConfig
+    from apil_core.evaluation import EvaluationResult
+
+
+class Progress:
+    """Base and silent default: override what you want to show.
+
+    ``metrics`` of :meth:`iteration` hold (among the methods' own, ``<plugin>/<name>``):
+    ``iteration``, ``steps``, ``total_steps``, ``wall_seconds``, ``steps_per_second``,
+    ``collect_seconds``, ``update_seconds``, ``games`` (ended in this iteration), ``games_total``,
+    ``window_games``, ``window_wins``, ``window_ties``, ``window_losses`` (the last 1000 ended games,
+    adversary's view), ``cause/<name>``, ``return/adversary``, ``return/victim``,
+    ``episode_length``, ``reward/<term>``, ``ppo/<name>``.
+    """
+
+    def started(self, config: RunConfig, run_dir: Path, victim: str, steps_done: int) -> None:
+        """The run is built and begins (or goes on at ``steps_done``)."""
+
+    def iteration(self, metrics: dict[str, float]) -> None:
+        """An iteration ended."""
+
+    def evaluation_progress(self, done: int, total: int) -> None:
+        """``done`` of ``total`` games of an evaluation have ended."""
+
+    def evaluation(self, result: EvaluationResult, steps: int) -> None:
+        """An evaluation ended, after ``steps`` steps of training."""
+
+    def note(self, text: str) -> None:
+        """One line worth reading."""
+
+    def finished(self, run_dir: Path) -> None:
+        """The run is over (finished or interrupted)."""

@@ -1,0 +1,126 @@
+"""From names to objects: games, policies and methods."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from apil_core.errors import ApilError, ConfigError, PluginError, UnknownNameError
+from apil_core.game import Game
+from apil_core.plugins import PluginRegistry, discover
+from apil_core.specs import GameSpec, MethodSpec, load
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+    from apil_core.method import Method, MethodSetup
+    from apil_core.policy import Policy
+
+_default: PluginRegistry | None = None
+
+
+def default_plugins() -> PluginRegistry:
+    """The installed plugins, found once per process."""
+    global _default
+    if _default is None:
+        _default = discover()
+    return _default
+
+
+def game_spec(name: str, plugins: PluginRegistry | None = None) -> GameSpec:
+    """The game of that name.
+
+    Raises:
+        UnknownNameError: there is none.
+    """
+    games = (plugins or default_plugins()).games
+    if name not in games:
+        raise UnknownNameError("game", name, games)
+    return games[name]
+
+
+def options_model(reference: str | None, values: Mapping[str, Any], where: str) -> BaseModel | None:
+    """Validate ``values`` with the pydantic model a spec names.
+
+    Raises:
+        ConfigError: values for something that has no options, or values its model refuses.
+    """
+    from pydantic import ValidationError
+
+    if reference is None:
+        if values:
+            raise ConfigError(f"{where} has no options, got {', '.join(sorted(values))}")
+        return None
+    try:
+        return load(reference).model_validate(dict(values))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise ConfigError(f"{where}: {key}: {first['msg']}") from error
+
+
+def make_game(
+    name: str,
+    *,
+    num_envs: int,
+    threads: int = 1,
+    options: dict[str, Any] | None = None,
+    plugins: PluginRegistry | None = None,
+) -> Game:
+    """Build ``num_envs`` games of that name, stepped on ``threads`` threads (0: all CPUs).
+
+    Raises:
+        UnknownNameError: there is no such game.
+        ConfigError: its options are wrong.
+    """
+    spec = game_spec(name, plugins)
+    model = options_model(spec.config, options or {}, f"game {name}")
+    game: Game = load(spec.factory)(num_envs=num_envs, threads=threads, options=model)
+    return game
+
+
+def load_policy(name: str, *, device: str = "cpu", plugins: PluginRegistry | None = None) -> Policy:
+    """Load a policy by its full name, e.g. ``"zoo:kick-and-defend/kicker/v1"``.
+
+    Raises:
+        UnknownNameError: no plugin knows the scheme.
+        VictimError: the weights are missing or damaged.
+    """
+    registry = plugins or default_plugins()
+    scheme, colon, rest = name.partition(":")
+    if not colon or scheme not in registry.policies:
+        known = [f"{s}:…" for s in registry.policies]
+        raise UnknownNameError("policy", name, known)
+    policy: Policy = load(registry.policies[scheme].loader)(rest)
+    return policy.to(device)
+
+
+def build_methods(
+    chain: tuple[MethodSpec, ...], options: Mapping[str, Mapping[str, Any]], setup: MethodSetup
+) -> dict[str, Method]:
+    """Make the method objects of a run in ``requires`` order; ``setup.methods`` grows along.
+
+    Raises:
+        PluginError: a factory fails or gives something that is no ``Method``.
+    """
+    from dataclasses import replace
+
+    from apil_core.method import Method
+
+    built: dict[str, Method] = {}
+    for spec in chain:
+        model = options_model(spec.config, options.get(spec.name, {}), f"options.{spec.name}")
+        factory = load(spec.factory)
+        try:
+            method = factory(model, replace(setup, methods=dict(built)))
+        except ApilError:
+            raise
+        except Exception as error:
+            reason = " ".join(str(error).split())
+            raise PluginError(
+                f"plugin {spec.name!r} cannot be built: {type(error).__name__}: {reason}"
+            ) from error
+        if not isinstance(method, Method):
+            raise PluginError(f"plugin {spec.name!r}: {spec.factory} must give a Method, got {method!r}")
+        built[spec.name] = method
+    return built

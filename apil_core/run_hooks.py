@@ -1,0 +1,118 @@
+"""The hook manager of one run: the method, what it requires, the observers; and who is to blame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Any
+
+import pluggy
+
+from apil_core.errors import ApilError, PluginError
+from apil_core.hooks import PROJECT
+from apil_core.hookspecs import RunHooks
+from apil_core.specs import MethodSpec, load
+
+
+class RunHookManager:
+    """Holds the plugins of one run; ``hook`` is pluggy's caller namespace.
+
+    All hook specifications (the core's, then each method's own) are added before anything is
+    registered, so that a method may fill hooks that another one opens whatever the order.
+
+    Args:
+        chain: the method's specs, requirements first.
+        plugins: name → object with hook implementations, in the order to register.
+
+    Raises:
+        PluginError: an implementation fits no hook, or takes arguments the hook does not offer.
+    """
+
+    def __init__(self, chain: Sequence[MethodSpec], plugins: Mapping[str, Any]):
+        self.plugins = dict(plugins)
+        self.manager = pluggy.PluginManager(PROJECT)
+        self.manager.add_hookspecs(RunHooks)
+        for spec in chain:
+            if spec.hookspecs:
+                self.manager.add_hookspecs(load(spec.hookspecs))
+        for name, plugin in plugins.items():
+            self._register(name, plugin)
+
+    @property
+    def hook(self) -> Any:
+        """Call ``hook.<name>(keyword=...)``; plugins registered last are asked first."""
+        return self.manager.hook
+
+    def merged(self, answers: Sequence[Mapping[str, Any] | None], hook: str) -> dict[str, Any]:
+        """One dict from the answers of several plugins, first registered first.
+
+        Raises:
+            PluginError: an answer is no dict, or two plugins use one name.
+        """
+        merged: dict[str, Any] = {}
+        for answer in reversed(answers):  # pluggy lists the last registered first
+            if not isinstance(answer, Mapping):
+                raise PluginError(f"{hook} must return a dict or None, got {type(answer).__name__}")
+            for name, value in answer.items():
+                if name in merged:
+                    raise PluginError(f"two plugins return {name!r} from {hook}; names must differ")
+                merged[name] = value
+        return merged
+
+    def fills(self, hook: str) -> bool:
+        """Whether any plugin of this run implements ``hook`` (to skip work that none would see)."""
+        return bool(getattr(self.manager.hook, hook).get_hookimpls())
+
+    def only(self, plugin: Any) -> Any:
+        """A caller namespace that asks ``plugin`` alone."""
+        others = [other for other in self.plugins.values() if other is not plugin]
+        return _Subset(self.manager, others)
+
+    @contextmanager
+    def attribution(self) -> Iterator[None]:
+        """Re-raise an exception that came out of a plugin's hook as ``PluginError`` with its name."""
+        try:
+            yield
+        except ApilError:
+            raise
+        except Exception as error:
+            culprit = self._culprit(error.__traceback__)
+            if culprit is None:
+                raise
+            name, hook = culprit
+            reason = " ".join(str(error).split())
+            raise PluginError(f"plugin {name!r} failed in {hook}: {type(error).__name__}: {reason}") from error
+
+    def _register(self, name: str, plugin: Any) -> None:
+        try:
+            self.manager.register(plugin, name=name)
+            self.manager.check_pending()
+        except (pluggy.PluginValidationError, ValueError) as error:
+            reason = " ".join(str(error).split())
+            raise PluginError(f"plugin {name!r} cannot be used: {reason}") from error
+
+    def _culprit(self, traceback: TracebackType | None) -> tuple[str, str] | None:
+        """The innermost hook implementation on the stack: (plugin, hook)."""
+        owners = {
+            impl.function.__code__: (impl.plugin_name, impl.function.__name__)
+            for name in vars(self.manager.hook)
+            for impl in getattr(self.manager.hook, name).get_hookimpls()
+            if hasattr(impl.function, "__code__")
+        }
+        found = None
+        while traceback is not None:
+            found = owners.get(traceback.tb_frame.f_code, found)
+            traceback = traceback.tb_next
+        return found
+
+
+class _Subset:
+    """``hook``-like access that leaves some plugins out."""
+
+    def __init__(self, manager: pluggy.PluginManager, left_out: Sequence[Any]):
+        self._manager = manager
+        self._left_out = left_out
+
+    def __getattr__(self, name: str) -> Any:
+        return self._manager.subset_hook_caller(name, self._left_out)

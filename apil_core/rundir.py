@@ -1,0 +1,195 @@
+"""The layout of a run on disk: ``<root>/<env>/<method>/<time>-s<seed>/``."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from apil_core.checkpoint import write_atomically
+from apil_core.config import RunConfig
+from apil_core.errors import RunDirError
+
+DEFAULT_ROOT = Path("runs")
+_PACKAGES = ("apil", "torch", "mujoco", "numpy", "rsl-rl-lib", "gymnasium", "pettingzoo", "tensordict")
+
+
+class RunDir:
+    """Paths and small files of one run.
+
+    Args:
+        path: the run's directory; it need not exist yet.
+    """
+
+    def __init__(self, path: Path | str):
+        self.path = Path(path)
+        self.config_path = self.path / "config.yaml"
+        self.metrics_path = self.path / "metrics.jsonl"
+        self.result_path = self.path / "result.json"
+        self.environment_path = self.path / "environment.json"
+        self.checkpoint_dir = self.path / "checkpoints"
+
+    @classmethod
+    def create(cls, config: RunConfig, out: Path | None, command: Sequence[str]) -> RunDir:
+        """Make a fresh directory with the resolved config and the environment.
+
+        Raises:
+            RunDirError: it exists and is not empty, or cannot be written.
+        """
+        run_dir = cls(out or _default_path(config))
+        try:
+            if run_dir.path.exists() and (not run_dir.path.is_dir() or any(run_dir.path.iterdir())):
+                raise RunDirError(
+                    f"{run_dir.path} exists and is not empty; choose another --out, "
+                    f"or continue it with: apil resume {run_dir.path}"
+                )
+            run_dir.checkpoint_dir.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RunDirError(f"cannot create run directory {run_dir.path}: {error.strerror}") from error
+        run_dir.write_config(config)
+        run_dir.note_environment(command)
+        return run_dir
+
+    def write_config(self, config: RunConfig) -> None:
+        """Store the resolved configuration."""
+        from apil_core.config_io import dump_yaml
+
+        text = dump_yaml(config).encode()
+        write_atomically(self.config_path, lambda file: file.write(text))
+
+    def note_environment(self, command: Sequence[str]) -> None:
+        """Append this session (command, versions, host, git) to ``environment.json``."""
+        sessions = self._read_json(self.environment_path) or []
+        sessions.append(environment(command))
+        self.write_json(self.environment_path, sessions)
+
+    def config(self) -> RunConfig:
+        """The stored configuration.
+
+        Raises:
+            RunDirError: this is no run directory.
+        """
+        if not self.config_path.is_file():
+            raise RunDirError(f"{self.path} is no run directory (no config.yaml in it)")
+        from apil_core.config_io import load_resolved
+
+        return load_resolved(self.config_path)
+
+    def checkpoints(self) -> list[Path]:
+        """Complete checkpoints, oldest first."""
+        return sorted(self.checkpoint_dir.glob("iteration-*.pt"))
+
+    def checkpoint_path(self, iteration: int) -> Path:
+        """Where the checkpoint taken after that many iterations goes."""
+        return self.checkpoint_dir / f"iteration-{iteration:08d}.pt"
+
+    def newest_checkpoint(self) -> Path:
+        """The last complete checkpoint.
+
+        Raises:
+            RunDirError: there is none.
+        """
+        found = self.checkpoints()
+        if not found:
+            raise RunDirError(f"{self.path} has no checkpoint yet: nothing to continue or evaluate")
+        return found[-1]
+
+    def prune(self, keep: int) -> None:
+        """Delete all but the newest ``keep`` checkpoints."""
+        for old in self.checkpoints()[:-keep]:
+            old.unlink(missing_ok=True)
+
+    def write_json(self, path: Path, value: Any) -> None:
+        """Write ``value`` as JSON, atomically."""
+        text = json.dumps(value, indent=2, default=str).encode() + b"\n"
+        write_atomically(path, lambda file: file.write(text))
+
+    def result(self) -> dict[str, Any] | None:
+        """What ``result.json`` says, or ``None`` before the first end."""
+        value: dict[str, Any] | None = self._read_json(self.result_path)
+        return value
+
+    def summary(self) -> dict[str, Any]:
+        """Name, status and progress for listings; never raises for a half-written run."""
+        result = self.result() or {}
+        last = self.last_metrics()
+        return {
+            "path": str(self.path),
+            "status": result.get("status", "running or killed" if last else "empty"),
+            "steps": int(last.get("steps", result.get("steps", 0))),
+            "evaluation": result.get("evaluation"),
+        }
+
+    def last_metrics(self) -> dict[str, Any]:
+        """The newest complete line of ``metrics.jsonl``, or an empty dict."""
+        if not self.metrics_path.is_file():
+            return {}
+        for line in reversed(self.metrics_path.read_text().splitlines()):
+            try:
+                value: dict[str, Any] = json.loads(line)
+            except json.JSONDecodeError:
+                continue  # the line a kill cut short
+            return value
+        return {}
+
+    def _read_json(self, path: Path) -> Any:
+        if not path.is_file():
+            return None
+        try:
+            return json.loads(path.read_text())
+        except (OSError, json.JSONDecodeError) as error:
+            raise RunDirError(f"{path} is damaged: {error}") from error
+
+
+def list_runs(root: Path = DEFAULT_ROOT) -> list[RunDir]:
+    """All runs below ``root``, by path."""
+    return [RunDir(path.parent) for path in sorted(root.glob("**/config.yaml"))]
+
+
+def environment(command: Sequence[str]) -> dict[str, Any]:
+    """What a number may depend on: command, versions, host and the code's git state."""
+    return {
+        "command": list(command),
+        "time": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+        "python": sys.version.split()[0],
+        "versions": {name: _version(name) for name in _PACKAGES},
+        "host": platform.node(),
+        "platform": platform.platform(),
+        "cpus": os.cpu_count(),
+        "git": _git_state(),
+    }
+
+
+def _default_path(config: RunConfig) -> Path:
+    stamp = time.strftime("%Y%m%d-%H%M%S")
+    base = DEFAULT_ROOT / config.env / config.method / f"{stamp}-s{config.seed}"
+    path, count = base, 1
+    while path.exists():
+        count += 1
+        path = base.with_name(f"{base.name}-{count}")
+    return path
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "absent"
+
+
+def _git_state() -> str:
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=12"]
+    try:
+        done = subprocess.run(
+            command, cwd=Path(__file__).parent, capture_output=True, text=True, timeout=5, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return done.stdout.strip()

@@ -1,0 +1,90 @@
+"""A second set of games for methods that need rollouts of their own (``run.collect``)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+
+from apil_core.build import Attack
+from apil_core.game_env import AttackEnv
+from apil_core.plugins import PluginRegistry
+from apil_core.policy import Policy
+from apil_core.registry import make_game
+from apil_core.rollout_buffer import RolloutBuffer
+from apil_core.types import Rollout
+
+_SEED_OFFSET = 500_000_003
+
+
+class SideGames:
+    """Plays the current adversary against any policy in the victim's seat. Made on first use.
+
+    Args:
+        attack: the run whose adversary plays.
+        plugins: to build the games from.
+    """
+
+    def __init__(self, attack: Attack, plugins: PluginRegistry):
+        self._attack = attack
+        self._plugins = plugins
+        self._env: AttackEnv | None = None
+        self._saved: dict[str, Any] | None = None
+
+    @property
+    def steps(self) -> int:
+        """Environment steps played here."""
+        if self._env is not None:
+            return self._env.steps
+        return int(self._saved["steps"]) if self._saved is not None else 0
+
+    @torch.inference_mode()
+    def collect(self, policy: Policy, steps: int) -> Rollout:
+        """Play ``steps`` vectorised steps; games go on from the last call."""
+        env = self._env or self._build(policy)
+        self._env = env
+        env.run = self._attack.env.run
+        env.victim = policy
+        env.buffer = env.buffer if env.buffer.num_steps == steps else RolloutBuffer(steps)
+        # reward statistics are the training games': r̂ must mean the same in both
+        for name, module in env.normalizers.items():
+            module.moments.load_state_dict(self._attack.env.normalizers[name].moments.state_dict())
+        observations = env.get_observations()
+        for _ in range(steps):
+            actions = self._attack.actor(observations).sample(self._attack.generators["method"])
+            observations, _, _, _ = env.step(actions)
+        return env.finish_rollout()
+
+    def _build(self, policy: Policy) -> AttackEnv:
+        attack, config = self._attack, self._attack.config
+        game = make_game(
+            config.env,
+            num_envs=config.num_envs,
+            threads=config.threads,
+            options=config.game,
+            plugins=self._plugins,
+        )
+        game.seed(config.seed + _SEED_OFFSET)
+        env = AttackEnv(
+            game,
+            policy,
+            attack.builder,
+            attack.hooks,
+            config,
+            weights=attack.env.weights,
+            adversary_side=attack.adversary_side,
+            generators={name: attack.generators["method"] for name in ("victim", "method")},
+            learning=False,
+        )
+        if self._saved is not None:
+            env.load_state_dict(self._saved)
+            self._saved = None
+        return env
+
+    def state_dict(self) -> dict[str, Any] | None:
+        """The side games' state, or ``None`` if there never were any."""
+        return self._env.state_dict() if self._env is not None else self._saved
+
+    def load_state_dict(self, state: dict[str, Any] | None) -> None:
+        """Restore; the games themselves are built when they are next needed."""
+        self._saved = state

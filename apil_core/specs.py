@@ -1,0 +1,129 @@
+"""What a plugin registers: pure data, importable without torch or mujoco.
+
+Factories are named as lazy ``"module:attribute"`` strings, so that ``apil --help`` and
+``apil plugins`` stay quick; :func:`load` resolves one when it is needed.
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from typing import Any
+
+from apil_core.errors import PluginError
+
+
+@dataclass(frozen=True)
+class RewardWeights:
+    """How a game's dense and sparse parts make one training reward (METHODS.md §1).
+
+    ``r = c * dense_weight * dense + (1 - c) * sparse_weight * sparse`` where ``c`` falls linearly
+    from ``1`` to ``0`` over the first ``anneal_fraction`` of training (``0``: sparse from the start).
+    """
+
+    dense_weight: float = 0.1
+    sparse_weight: float = 0.01
+    anneal_fraction: float = 0.0
+
+
+@dataclass(frozen=True)
+class MethodSpec:
+    """An attack method.
+
+    Attributes:
+        name: what ``--method`` takes.
+        factory: ``"module:Class"`` of a :class:`apil_core.Method`.
+        summary: one line for ``apil methods``.
+        requires: methods whose hooks must be registered before this one's.
+        config: ``"module:Model"``, the pydantic model of its options, or ``None``.
+        hookspecs: ``"module"`` with ``@hookspec`` functions this method opens to others, or ``None``.
+        reference: the paper.
+    """
+
+    name: str
+    factory: str
+    summary: str = ""
+    requires: tuple[str, ...] = ()
+    config: str | None = None
+    hookspecs: str | None = None
+    reference: str = ""
+
+
+@dataclass(frozen=True)
+class GameSpec:
+    """A two-player game.
+
+    Attributes:
+        name: what ``--env`` takes.
+        factory: ``"module:callable"``; called as ``factory(num_envs=, threads=, options=)`` and
+            returns a :class:`apil_core.Game`. ``options`` is an instance of ``config`` (or ``None``).
+        summary: one line for ``apil games``.
+        sides: names of side 0 and side 1.
+        victim_side: index of the side that is attacked by default.
+        default_victim: policy name used when none is given, e.g. ``"zoo:kick-and-defend/kicker/v1"``.
+        baseline_adversary: policy name of the agent the adversary is compared with, or ``None``.
+        rewards: default weights of the training reward.
+        config: ``"module:Model"``, the pydantic model of the game's options, or ``None``.
+    """
+
+    name: str
+    factory: str
+    summary: str = ""
+    sides: tuple[str, str] = ("player_0", "player_1")
+    victim_side: int = 0
+    default_victim: str = ""
+    baseline_adversary: str | None = None
+    rewards: RewardWeights = RewardWeights()
+    config: str | None = None
+
+
+@dataclass(frozen=True)
+class PolicySpec:
+    """A family of policies: everything named ``<scheme>:...``.
+
+    Attributes:
+        scheme: the part before the colon.
+        loader: ``"module:callable"``; called as ``loader(name)`` with the part after the colon,
+            returns a :class:`apil_core.Policy` on the CPU or raises :class:`apil_core.VictimError`.
+        lister: ``"module:callable"`` returning ``list[PolicyListing]``, or ``None``.
+        summary: one line.
+    """
+
+    scheme: str
+    loader: str
+    lister: str | None = None
+    summary: str = ""
+
+
+@dataclass(frozen=True)
+class PolicyListing:
+    """One row of ``apil victims list``."""
+
+    name: str
+    available: bool
+    sha256: str = ""
+    provenance: str = ""
+
+
+@dataclass(frozen=True)
+class RecorderSpec:
+    """A sink of metrics; ``factory`` is called with the run directory and returns an object with
+    ``record(metrics)`` and ``close()``."""
+
+    name: str
+    factory: str
+    summary: str = ""
+
+
+def load(reference: str) -> Any:
+    """Resolve ``"module:attribute"`` (or ``"module"``).
+
+    Raises:
+        PluginError: the module does not import or has no such attribute.
+    """
+    module_name, _, attribute = reference.partition(":")
+    try:
+        module = importlib.import_module(module_name)
+        return getattr(module, attribute) if attribute else module
+    except (ImportError, AttributeError) as error:
+        raise PluginError(f"cannot load {reference!r}: {error}") from error

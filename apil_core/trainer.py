@@ -1,0 +1,202 @@
+"""The training loop: collect, estimate advantages, let methods learn, update PPO."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import torch
+
+from apil_core.adversary import AdversaryPolicy
+from apil_core.build import Attack, load_victim, victim_name
+from apil_core.evaluation import MAX_PARALLEL_GAMES, EvaluationResult, score
+from apil_core.learner import MAIN_STREAM
+from apil_core.plugins import PluginRegistry
+from apil_core.policy import Policy, PolicyInfo
+from apil_core.progress import Progress
+from apil_core.registry import make_game
+from apil_core.side_games import SideGames
+from apil_core.types import Context, Rollout
+
+
+class Trainer:
+    """One run in memory; this is the ``run`` that hooks get.
+
+    Attributes are those of :class:`apil_core.Run`.
+
+    Args:
+        attack: the assembled parts.
+        plugins: for building side games.
+    """
+
+    def __init__(self, attack: Attack, plugins: PluginRegistry):
+        self.attack = attack
+        self.plugins = plugins
+        self.config = attack.config
+        self.layout = attack.game.layout
+        self.adversary_side = attack.adversary_side
+        self.device = attack.env.device
+        self.generator = attack.generators["method"]
+        self.total_steps = attack.config.steps
+        self.iteration = 0
+        self.hook = attack.hooks.hook
+        self.wall_seconds = 0.0
+        self.side_games = SideGames(attack, plugins)
+        attack.env.run = self
+
+    @property
+    def steps(self) -> int:
+        """Environment steps so far, side games included."""
+        return self.attack.env.steps + self.side_games.steps
+
+    @property
+    def finished(self) -> bool:
+        """Whether the budget is used up."""
+        return self.steps >= self.total_steps
+
+    def iterate(self) -> dict[str, float]:
+        """One iteration; returns its metrics."""
+        begin = time.perf_counter()
+        with self.attack.hooks.attribution():
+            self._collect()
+            collected = time.perf_counter()
+            rollout = self.attack.env.finish_rollout()
+            metrics = self._learn(rollout)
+        end = time.perf_counter()
+        self.iteration += 1
+        self.wall_seconds += end - begin
+        metrics.update(self.attack.env.stats.metrics())
+        metrics.update(
+            iteration=self.iteration,
+            steps=self.steps,
+            total_steps=self.total_steps,
+            wall_seconds=self.wall_seconds,
+            steps_per_second=(rollout.steps / (end - begin)),
+            collect_seconds=collected - begin,
+            update_seconds=end - collected,
+        )
+        return metrics
+
+    def _collect(self) -> None:
+        env, learner = self.attack.env, self.attack.learner
+        with torch.inference_mode():
+            observations = env.get_observations()
+            for _ in range(self.config.ppo.num_steps):
+                actions = learner.act(observations)
+                following, reward, done, _ = env.step(actions)
+                learner.record(observations, reward, done)
+                observations = following
+
+    def _learn(self, rollout: Rollout) -> dict[str, float]:
+        hooks, learner = self.attack.hooks, self.attack.learner
+        answers = hooks.hook.finish_rollout(run=self, rollout=rollout)
+        streams = hooks.merged(answers, "finish_rollout")
+        advantages = learner.advantages(self.attack.env.get_observations(), streams)
+        mixed = hooks.hook.combine_advantages(run=self, rollout=rollout, streams=advantages)
+        rollout.advantages = advantages[MAIN_STREAM] if mixed is None else mixed
+        metrics: dict[str, float] = {}
+        for name, plugin in hooks.plugins.items():
+            update = hooks.only(plugin).update_auxiliary(run=self, rollout=rollout)
+            merged = hooks.merged(update, "update_auxiliary")
+            metrics.update({f"{name}/{key}": float(value) for key, value in merged.items()})
+        metrics.update(
+            learner.update(
+                rollout.advantages, as_given=mixed is not None, learning_rate=self._learning_rate()
+            )
+        )
+        return metrics
+
+    def _learning_rate(self) -> float:
+        ppo = self.config.ppo
+        if ppo.lr_schedule == "constant":
+            return ppo.learning_rate
+        # as the published code: the share left when the update begins
+        done = self.iteration * self.config.num_envs * ppo.num_steps
+        return ppo.learning_rate * max(1.0 - done / self.total_steps, 0.0)
+
+    def collect(self, victim_side_policy: Policy, steps: int) -> Rollout:
+        """See :meth:`apil_core.Run.collect`."""
+        return self.side_games.collect(victim_side_policy, steps)
+
+    def evaluate(self, episodes: int, progress: Progress) -> EvaluationResult:
+        """Score the current adversary without touching the training games or their randomness."""
+        config, attack = self.config, self.attack
+        with torch.random.fork_rng(devices=[]):
+            game = make_game(
+                config.env,
+                num_envs=min(episodes, MAX_PARALLEL_GAMES),
+                threads=config.threads,
+                options=config.game,
+                plugins=self.plugins,
+            )
+            side = self.adversary_side
+            victim = load_victim(victim_name(config, self.plugins), game, 1 - side, config.device, self.plugins)
+            generator = torch.Generator(device=self.device).manual_seed(config.seed)
+            context = Context(side, "adversary", "eval", self.device, generator)
+            seat = self.layout.sides[side]
+            info = PolicyInfo(
+                f"run at {self.steps} steps", "in memory", seat.observation_size, seat.action_size
+            )
+            adversary = AdversaryPolicy(info, attack.builder, attack.actor, context)
+            try:
+                result = score(
+                    game,
+                    adversary,
+                    victim,
+                    config=config,
+                    adversary_side=side,
+                    episodes=episodes,
+                    seed=config.seed,
+                    hooks=attack.hooks,
+                    trained_steps=self.steps,
+                    progress=progress,
+                )
+            finally:
+                game.close()
+        attack.hooks.hook.evaluation_finished(run=self, result=result.model_dump(mode="json"))
+        return result
+
+    def state_dict(self) -> dict[str, Any]:
+        """The whole run at an iteration boundary."""
+        attack = self.attack
+        return {
+            "iteration": self.iteration,
+            "steps": self.steps,
+            "wall_seconds": self.wall_seconds,
+            "groups": attack.builder.sizes,
+            "builder": attack.builder.state_dict(),
+            "learner": attack.learner.state_dict(),
+            "methods": {name: method.state_dict() for name, method in attack.methods.items()},
+            "env": attack.env.state_dict(),
+            "side_games": self.side_games.state_dict(),
+            "generators": {name: g.get_state() for name, g in attack.generators.items()},
+            "torch_rng": torch.get_rng_state(),
+            "cuda_rng": torch.cuda.get_rng_state() if self.device.type == "cuda" else None,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on exactly where :meth:`state_dict` was taken."""
+        attack = self.attack
+        self.iteration = state["iteration"]
+        self.wall_seconds = state["wall_seconds"]
+        attack.builder.load_state_dict(state["builder"])
+        attack.learner.load_state_dict(state["learner"])
+        with attack.hooks.attribution():
+            for name, method in attack.methods.items():
+                method.load_state_dict(state["methods"][name])
+        attack.env.load_state_dict(state["env"])
+        self.side_games.load_state_dict(state["side_games"])
+        for name, generator in attack.generators.items():
+            generator.set_state(state["generators"][name].cpu())
+        torch.set_rng_state(state["torch_rng"].cpu())
+        if state["cuda_rng"] is not None:
+            torch.cuda.set_rng_state(state["cuda_rng"].cpu())
+
+    def start_from(self, state: dict[str, Any]) -> None:
+        """Take networks and statistics of another run's state; games and optimisers start fresh."""
+        attack = self.attack
+        attack.builder.load_state_dict(state["builder"])
+        attack.learner.load_networks(state["learner"])
+        for name, method in attack.methods.items():
+            if name in state["methods"]:
+                method.load_state_dict(state["methods"][name])

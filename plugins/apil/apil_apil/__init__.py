@@ -1,0 +1,23 @@
+"""APIL (Bui et al. 2022): APL plus a GAIL imitator of the victim whose predicted action the adversary sees."""
+
+from __future__ import annotations
+
+from apil_core import MethodSpec, hookimpl
+
+__all__ = ["register_methods"]
+
+
+@hookimpl
+def register_methods() -> list[MethodSpec]:
+    """APIL, on top of APL; opens the hook ``imitation_reward``."""
+    return [
+        MethodSpec(
+            name="apil",
+            factory="apil_apil.method:Apil",
+            summary="APL + a GAIL imitator whose predicted victim action the adversary sees",
+            requires=("apl",),
+            config="apil_apil.config:ApilConfig",
+            hookspecs="apil_apil.hookspecs",
+            reference="Bui, Mai, Nguyen 2022, Imitating Opponent to Win",
+        )
+    ]

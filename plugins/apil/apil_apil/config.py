@@ -1,0 +1,89 @@
+"""APIL's options: every point where the paper's text and the published code differ (METHODS.md §3)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from apil_core import Section
+from pydantic import Field, model_validator
+
+
+class ImitatorConfig(Section):
+    """The imitator π̃: a Gaussian policy with its own critic."""
+
+    update: Literal["trpo", "ppo"] = "trpo"
+    """TRPO (the paper's detailed algorithm) or PPO (its brief one, and the published code)."""
+    hidden: tuple[int, ...] = (64, 64)
+    """Hidden tanh layers of policy and critic."""
+    init_std: Annotated[float, Field(gt=0)] = 1.0
+    """Standard deviation of the untrained imitator."""
+    gamma: Annotated[float, Field(gt=0, le=1)] = 0.99
+    """Discount of the imitation reward."""
+    lam: Annotated[float, Field(ge=0, le=1)] = 0.95
+    """λ of its advantage estimate."""
+    entropy_coefficient: Annotated[float, Field(ge=0)] = 0.0
+    """λ of the entropy bonus (a bonus: the paper's minus sign is a slip)."""
+    kl: Annotated[float, Field(gt=0)] = 0.01
+    """TRPO: trust region, mean KL in nats."""
+    cg_steps: Annotated[int, Field(gt=0)] = 10
+    """TRPO: conjugate-gradient steps."""
+    damping: Annotated[float, Field(ge=0)] = 0.1
+    """TRPO: added to the Fisher matrix's diagonal."""
+    backtracks: Annotated[int, Field(gt=0)] = 10
+    """TRPO: halvings of the step before giving up."""
+    fisher_fraction: Annotated[float, Field(gt=0, le=1)] = 0.2
+    """TRPO: share of the rollout the Fisher matrix is estimated on."""
+    value_epochs: Annotated[int, Field(gt=0)] = 4
+    """Passes of the critic per iteration."""
+    value_learning_rate: Annotated[float, Field(gt=0)] = 1e-3
+    """Adam's step size of the critic."""
+    learning_rate: Annotated[float, Field(gt=0)] = 3e-4
+    """PPO: Adam's step size of the policy."""
+    clip: Annotated[float, Field(gt=0)] = 0.2
+    """PPO: clip of the probability ratio."""
+    epochs: Annotated[int, Field(gt=0)] = 4
+    """PPO: passes per iteration."""
+    minibatches: Annotated[int, Field(gt=0)] = 4
+    """Parts of the rollout per pass (policy under PPO, critic always)."""
+    max_grad_norm: Annotated[float, Field(gt=0)] = 0.5
+    """Gradient clip."""
+
+
+class DiscriminatorConfig(Section):
+    """The discriminator D(s, a): probability that the victim did a in s."""
+
+    hidden: tuple[int, ...] = (128, 128)
+    """Hidden tanh layers."""
+    learning_rate: Annotated[float, Field(gt=0)] = 3e-4
+    """Adam's step size."""
+    logit_bound: Literal["tanh", "none"] = "tanh"
+    """tanh: the logit lies in [-1, 1], D in [.269, .731], as the theorem assumes; none: unbounded."""
+    state: Literal["current", "next"] = "current"
+    """Which state is scored with a_t: s_t (the paper) or s_{t+1} (the published code)."""
+
+
+class ApilConfig(Section):
+    """APIL's options; defaults follow the paper's text."""
+
+    prediction: Literal["imitator", "oracle", "noise", "none"] = "imitator"
+    """What ã is: the imitator's prediction, the victim's true action, noise of its scale, or absent."""
+    prediction_actions: Literal["sampled", "mode"] = "sampled"
+    """sampled: ã is drawn in training and the mode in evaluation; mode: the mode in both."""
+    observes: Literal["victim", "adversary", "both"] = "victim"
+    """Whose observation the imitator and D read."""
+    share_victim_observation: bool = False
+    """Also give the adversary the victim's observation (published code; more than ADRL and APL see)."""
+    rollouts: Literal["shared", "own"] = "shared"
+    """shared: learn from the games in which the victim acts; own: further games, the imitator acting."""
+    reward: Literal["log_d", "neg_log_1md"] = "log_d"
+    """The imitator's reward: log D (the paper) or −log(1 − D) (the published code)."""
+    reward_time: Literal["after_update", "collected"] = "after_update"
+    """Score the rollout with D after its update, or with D as it was during collection."""
+    imitator: ImitatorConfig = ImitatorConfig()
+    discriminator: DiscriminatorConfig = DiscriminatorConfig()
+
+    @model_validator(mode="after")
+    def _own_rollouts_need_an_imitator(self) -> ApilConfig:
+        if self.rollouts == "own" and self.prediction != "imitator":
+            raise ValueError("rollouts: own needs prediction: imitator")
+        return self

@@ -1,0 +1,22 @@
+"""E-APIL (Bui et al. 2022): APIL whose imitator is also paid for the adversary doing badly."""
+
+from __future__ import annotations
+
+from apil_core import MethodSpec, hookimpl
+
+__all__ = ["register_methods"]
+
+
+@hookimpl
+def register_methods() -> list[MethodSpec]:
+    """E-APIL: wraps APIL's hook ``imitation_reward``."""
+    return [
+        MethodSpec(
+            name="e_apil",
+            factory="apil_e_apil.method:EApil",
+            summary="APIL whose imitator's reward has the adversary's subtracted",
+            requires=("apil",),
+            config="apil_e_apil.config:EApilConfig",
+            reference="Bui, Mai, Nguyen 2022, Imitating Opponent to Win",
+        )
+    ]

@@ -1,0 +1,19 @@
+"""Fixtures all tests share."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def zoo_dir() -> Path:
+    """Folder of the pretrained agents (``agent-zoo``): ``$APIL_ZOO`` or ``../shared/zoo`` beside the repository."""
+    beside = Path(__file__).resolve().parents[2] / "shared" / "zoo"
+    root = Path(os.environ.get("APIL_ZOO", beside))
+    for candidate in (root, root / "agent-zoo"):
+        if (candidate / "kick-and-defend").is_dir():
+            return candidate
+    pytest.skip(f"no zoo weights in {root} (set APIL_ZOO to the folder agent-zoo)")
