@@ -47,23 +47,30 @@ class ObservationBuilder(nn.Module):
             PluginError: a group has another shape or type than (n, k) float32, or changed its size.
         """
         answers = self._hooks.hook.extend_observation(context=context, view=view)
-        groups = {OWN_GROUP: view.own, **self._hooks.merged(answers, "extend_observation")}
+        groups = {OWN_GROUP: view.own}
+        for name, value in self._hooks.merged(answers, "extend_observation").items():
+            if name == OWN_GROUP:
+                raise self._complaint(f"the name {name!r} is taken; choose another")
+            groups[name] = value
         if not self.normalizers:
-            self.add_normalizers({name: _width(name, value) for name, value in groups.items()}, view.own.device)
+            widths = {name: self._width(name, value) for name, value in groups.items()}
+            self.add_normalizers(widths, view.own.device)
         sizes = self.sizes
         for name, value in groups.items():
             wanted = (view.own.shape[0], sizes.get(name))
             if not isinstance(value, Tensor) or value.shape != wanted or value.dtype != torch.float32:
                 got = f"{tuple(value.shape)} {value.dtype}" if isinstance(value, Tensor) else repr(value)
-                raise PluginError(f"extend_observation: {name!r} must be {wanted} float32, got {got}")
+                raise self._complaint(f"{name!r} must be {wanted} float32, got {got}")
         if len(groups) != len(sizes):
-            raise PluginError(f"extend_observation: groups changed from {list(sizes)} to {list(groups)}")
+            raise self._complaint(f"groups changed from {list(sizes)} to {list(groups)}")
         return groups
 
     def add_normalizers(self, sizes: dict[str, int], device: torch.device) -> None:
         """Set the group sizes (when loading a policy)."""
-        for name, size in sizes.items():
-            self.normalizers[name] = ObservationNormalizer(size, self._clip).to(device)
+        # the first view comes in inference mode, whose tensors could never be loaded into again
+        with torch.inference_mode(False):
+            for name, size in sizes.items():
+                self.normalizers[name] = ObservationNormalizer(size, self._clip).to(device)
 
     def normalize(self, groups: dict[str, Tensor], *, update: bool) -> TensorDict:
         """Normalised groups, batch (n,); ``update`` also takes them into the statistics."""
@@ -76,12 +83,14 @@ class ObservationBuilder(nn.Module):
         some = next(iter(groups.values()))
         return TensorDict(result, batch_size=[some.shape[0]], device=some.device)
 
+    def _width(self, name: str, value: Any) -> int:
+        if not isinstance(value, Tensor) or value.ndim != 2:
+            shape = tuple(value.shape) if isinstance(value, Tensor) else repr(value)
+            raise self._complaint(f"{name!r} must have shape (num_envs, k), got {shape}")
+        return value.shape[1]
 
-def _width(name: str, value: Any) -> int:
-    if not isinstance(value, Tensor) or value.ndim != 2:
-        shape = tuple(value.shape) if isinstance(value, Tensor) else repr(value)
-        raise PluginError(f"extend_observation: {name!r} must have shape (num_envs, k), got {shape}")
-    return value.shape[1]
+    def _complaint(self, text: str) -> PluginError:
+        return self._hooks.complaint("extend_observation", text)
 
 
 class AdversaryPolicy(Policy):

@@ -43,10 +43,10 @@ def unknown_name(key: Key, kind: str, name: str, known: Sequence[str]) -> Proble
 def _line(problem: Problem, origins: Mapping[Key, str]) -> str:
     written = _written(problem, origins)
     origin = origins[written] if written else "config"
-    if origin.startswith("--") and written == problem.key:
-        return f"{origin}: {problem.reason}"
     dotted = ".".join(map(str, problem.key))
-    return f"{origin}: {dotted}: {problem.reason}" if dotted else f"{origin}: {problem.reason}"
+    is_flag = origin.startswith("--") and not origin.startswith("--set ")
+    named = (is_flag and written == problem.key) or origin.startswith(f"--set {dotted}=")
+    return f"{origin}: {problem.reason}" if named or not dotted else f"{origin}: {dotted}: {problem.reason}"
 
 
 def _written(problem: Problem, origins: Mapping[Key, str]) -> Key | None:

@@ -78,7 +78,8 @@ def wilson(count: int, total: int) -> Rate:
     from statsmodels.stats.proportion import proportion_confint
 
     low, high = proportion_confint(count, total, alpha=0.05, method="wilson")
-    return Rate(value=count / total, low=float(low), high=float(high))
+    # rounding leaves 4e-18 where the interval starts at nought
+    return Rate(value=count / total, low=max(float(low), 0.0) if count else 0.0, high=min(float(high), 1.0))
 
 
 def score(

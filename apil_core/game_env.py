@@ -167,7 +167,7 @@ class AttackEnv:
             if filtered is not None:
                 if filtered.shape != observation.shape:
                     got, want = tuple(filtered.shape), tuple(observation.shape)
-                    raise PluginError(f"filter_observation must keep the shape {want}, got {got}")
+                    raise self.hooks.complaint("filter_observation", f"must keep the shape {want}, got {got}")
                 return filtered
         return observation
 
@@ -210,11 +210,14 @@ class AttackEnv:
         for name, value in terms.items():
             if not isinstance(value, Tensor) or value.shape != total.shape:
                 got = tuple(value.shape) if isinstance(value, Tensor) else repr(value)
-                raise PluginError(f"shape_reward: {name!r} must have shape {tuple(total.shape)}, got {got}")
+                text = f"{name!r} must have shape {tuple(total.shape)}, got {got}"
+                raise self.hooks.complaint("shape_reward", text)
             total = total + value
         if not torch.isfinite(total).all():
             bad = [name for name, value in terms.items() if not torch.isfinite(value).all()]
-            raise PluginError(f"shape_reward: {', '.join(bad) or 'the game'} gives NaN or infinite rewards")
+            if not bad:
+                raise PluginError(f"game {self.config.env!r} gives NaN or infinite rewards")
+            raise self.hooks.complaint("shape_reward", f"{', '.join(bad)}: NaN or infinite reward")
         self.stats.add(step, {"adversary": step.reward, "victim": step.victim_reward, **terms})
         if not self.config.reward.normalize:
             return total

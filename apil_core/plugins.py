@@ -19,7 +19,7 @@ import pluggy
 
 from apil_core.errors import PluginError, UnknownNameError
 from apil_core.hooks import PROJECT
-from apil_core.hookspecs import ProcessHooks
+from apil_core.hookspecs import ProcessHooks, RunHooks
 from apil_core.specs import GameSpec, MethodSpec, PolicySpec, RecorderSpec
 
 ENTRY_POINT_GROUP = "apil"
@@ -128,6 +128,7 @@ def _ask(record: PluginRecord, plugin: Any) -> dict[str, dict[str, Any]]:
     # A manager of its own per plugin: whatever pluggy objects to is that plugin's fault.
     manager = pluggy.PluginManager(PROJECT)
     manager.add_hookspecs(ProcessHooks)
+    manager.add_hookspecs(RunHooks)  # an observer's run hooks stand in the same module
     manager.register(plugin, name=record.name)
     manager.check_pending()
     callers = manager.get_hookcallers(plugin) or []

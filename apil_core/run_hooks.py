@@ -11,7 +11,7 @@ import pluggy
 
 from apil_core.errors import ApilError, PluginError
 from apil_core.hooks import PROJECT
-from apil_core.hookspecs import RunHooks
+from apil_core.hookspecs import ProcessHooks, RunHooks
 from apil_core.specs import MethodSpec, load
 
 
@@ -33,6 +33,7 @@ class RunHookManager:
         self.plugins = dict(plugins)
         self.manager = pluggy.PluginManager(PROJECT)
         self.manager.add_hookspecs(RunHooks)
+        self.manager.add_hookspecs(ProcessHooks)  # observers are whole plugin modules
         for spec in chain:
             if spec.hookspecs:
                 self.manager.add_hookspecs(load(spec.hookspecs))
@@ -53,16 +54,21 @@ class RunHookManager:
         merged: dict[str, Any] = {}
         for answer in reversed(answers):  # pluggy lists the last registered first
             if not isinstance(answer, Mapping):
-                raise PluginError(f"{hook} must return a dict or None, got {type(answer).__name__}")
+                raise self.complaint(hook, f"must return a dict or None, got {type(answer).__name__}")
             for name, value in answer.items():
                 if name in merged:
-                    raise PluginError(f"two plugins return {name!r} from {hook}; names must differ")
+                    raise self.complaint(hook, f"{name!r} is returned twice; names must differ")
                 merged[name] = value
         return merged
 
     def fills(self, hook: str) -> bool:
         """Whether any plugin of this run implements ``hook`` (to skip work that none would see)."""
         return bool(getattr(self.manager.hook, hook).get_hookimpls())
+
+    def complaint(self, hook: str, text: str) -> PluginError:
+        """An error about what ``hook`` returned, with the names of those who fill it."""
+        fillers = [impl.plugin_name for impl in getattr(self.manager.hook, hook).get_hookimpls()]
+        return PluginError(f"{hook} (filled by {', '.join(fillers)}): {text}")
 
     def only(self, plugin: Any) -> Any:
         """A caller namespace that asks ``plugin`` alone."""
@@ -95,7 +101,7 @@ class RunHookManager:
     def _culprit(self, traceback: TracebackType | None) -> tuple[str, str] | None:
         """The innermost hook implementation on the stack: (plugin, hook)."""
         owners = {
-            impl.function.__code__: (impl.plugin_name, impl.function.__name__)
+            impl.function.__code__: (impl.plugin_name, name)
             for name in vars(self.manager.hook)
             for impl in getattr(self.manager.hook, name).get_hookimpls()
             if hasattr(impl.function, "__code__")

@@ -38,11 +38,14 @@ class SideGames:
             return self._env.steps
         return int(self._saved["steps"]) if self._saved is not None else 0
 
-    @torch.inference_mode()
     def collect(self, policy: Policy, steps: int) -> Rollout:
         """Play ``steps`` vectorised steps; games go on from the last call."""
-        env = self._env or self._build(policy)
-        self._env = env
+        if self._env is None:
+            self._env = self._build(policy)
+        with torch.inference_mode():
+            return self._play(self._env, policy, steps)
+
+    def _play(self, env: AttackEnv, policy: Policy, steps: int) -> Rollout:
         env.run = self._attack.env.run
         env.victim = policy
         env.buffer = env.buffer if env.buffer.num_steps == steps else RolloutBuffer(steps)

@@ -1,0 +1,95 @@
+"""Converted agents on this machine: one safetensors file each, proved by upstream's own SHA-256.
+
+A file keeps the few bytes that stood before and after the vector in the pickle. With them the whole
+pickle, hence its published SHA-256, can be computed again: what is loaded is what upstream wrote,
+whatever happened to the file in between.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import platformdirs
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+from apil_core.errors import VictimError
+from apil_core.victims.catalogue import ZooEntry
+from apil_core.victims.layout import Vector, join, tensor_shapes
+
+
+def cache_dir() -> Path:
+    """Where converted agents are kept: ``$APIL_CACHE``, or the user's cache folder. Not created here."""
+    chosen = os.environ.get("APIL_CACHE")
+    return Path(chosen).expanduser() if chosen else platformdirs.user_cache_path("apil")
+
+
+def cached_file(entry: ZooEntry) -> Path:
+    """Path of ``entry`` in the cache, whether it is there or not."""
+    return cache_dir() / "zoo" / f"{entry.name}.safetensors"
+
+
+def write(entry: ZooEntry, tensors: Mapping[str, Vector], metadata: dict[str, str]) -> None:
+    """Store an agent under its name; readers see the old file or the new one, never half of one."""
+    target = cached_file(entry)
+    content = save(dict(tensors), metadata)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=target.parent, suffix=".part", delete=False) as part:
+            try:
+                part.write(content)
+                part.close()
+                os.replace(part.name, target)
+            except BaseException:
+                Path(part.name).unlink(missing_ok=True)
+                raise
+    except OSError as error:
+        raise VictimError(f"cannot write {target}: {error.strerror or error}") from error
+
+
+def read(entry: ZooEntry) -> dict[str, Vector]:
+    """The tensors of a cached agent, named as in :func:`apil_core.victims.layout.tensor_shapes`.
+
+    Raises:
+        VictimError: the file is missing, damaged, or not what upstream published.
+    """
+    path = cached_file(entry)
+    if not path.is_file():
+        raise VictimError(
+            f"{entry.full_name} is not on this machine; get it with `apil victims import DIR` "
+            f"(DIR: a copy of upstream's agent-zoo) or `apil victims download`"
+        )
+    try:
+        with safe_open(path, framework="numpy") as file:
+            metadata = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  (no mapping)
+    except (SafetensorError, OSError, ValueError) as error:
+        raise _damaged(entry, " ".join(str(error).split())) from error
+    _verify(entry, tensors, metadata)
+    return tensors
+
+
+def _verify(entry: ZooEntry, tensors: Mapping[str, Vector], metadata: Mapping[str, str]) -> None:
+    shapes = tensor_shapes(entry.facts)
+    found = {name: (part.shape, part.dtype.name) for name, part in tensors.items()}
+    if found != {name: (shape, "float32") for name, shape in shapes.items()}:
+        raise _damaged(entry, "its tensors are not those of this agent")
+    try:
+        head, tail = (bytes.fromhex(metadata[key]) for key in ("pickle_head", "pickle_tail"))
+    except (KeyError, ValueError):
+        raise _damaged(entry, "its metadata is incomplete") from None
+    actual = hashlib.sha256(
+        head + join(tensors, shapes).astype("<f4", copy=False).tobytes() + tail
+    ).hexdigest()
+    if actual != entry.sha256:
+        raise _damaged(entry, f"its content gives SHA-256 {actual}, expected {entry.sha256}")
+
+
+def _damaged(entry: ZooEntry, reason: str) -> VictimError:
+    return VictimError(
+        f"{entry.full_name}: {cached_file(entry)} is damaged ({reason}); import or download it again"
+    )

@@ -1,0 +1,24 @@
+"""The door through which the zoo and the baselines come in; imports neither torch nor mujoco."""
+
+from __future__ import annotations
+
+from apil_core.hooks import hookimpl
+from apil_core.specs import PolicySpec
+
+
+@hookimpl
+def register_policies() -> list[PolicySpec]:
+    """Offer ``zoo:<game>/<side>/<version>`` and ``baseline:<kind>/<observations>x<actions>``."""
+    return [
+        PolicySpec(
+            scheme="zoo",
+            loader="apil_core.victims.store:load",
+            lister="apil_core.victims.store:list_zoo",
+            summary="pretrained agents of Bansal et al. 2018, converted on this machine",
+        ),
+        PolicySpec(
+            scheme="baseline",
+            loader="apil_core.victims.baseline:load",
+            summary="agents that see nothing: random/OxA and zero/OxA (O observations, A actions)",
+        ),
+    ]

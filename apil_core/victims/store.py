@@ -1,0 +1,58 @@
+"""The zoo as the rest of the program sees it: list, load, import, download. Knows torch only in ``load``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from apil_core.errors import UnknownNameError
+from apil_core.specs import PolicyListing
+from apil_core.victims import cache, catalogue
+from apil_core.victims.download import download_zoo
+from apil_core.victims.importer import ImportRow, ZooImportError, import_zoo
+
+if TYPE_CHECKING:
+    from apil_core.victims.zoo_policy import ZooPolicy
+
+__all__ = ["ImportRow", "ZooImportError", "download_zoo", "import_zoo", "list_zoo", "load"]
+
+
+def list_zoo() -> list[PolicyListing]:
+    """Every agent upstream has; ``available`` where the cache holds it (``load`` checks its content)."""
+    return [
+        PolicyListing(
+            name=entry.full_name,
+            available=cache.cached_file(entry).is_file(),
+            sha256=entry.sha256,
+            provenance=f"{entry.repository}@{entry.commit[:12]}:{entry.file}",
+        )
+        for entry in catalogue.entries().values()
+    ]
+
+
+def load(name: str) -> ZooPolicy:
+    """A fresh policy on the CPU.
+
+    Args:
+        name: without the scheme, e.g. ``"kick-and-defend/kicker/v1"``.
+
+    Raises:
+        UnknownNameError: the zoo has no such agent.
+        VictimError: it is not in the cache, or its file there is damaged.
+    """
+    from apil_core.policy import PolicyInfo
+    from apil_core.victims.zoo_policy import ZooPolicy
+
+    known = catalogue.entries()
+    if name not in known:
+        names = (entry.full_name for entry in known.values())
+        raise UnknownNameError("victim", f"{catalogue.SCHEME}:{name}", names)
+    entry = known[name]
+    facts = entry.facts
+    info = PolicyInfo(
+        name=entry.full_name,
+        sha256=entry.sha256,
+        observation_size=facts.observation_size,
+        action_size=facts.action_size,
+        provenance=entry.provenance,
+    )
+    return ZooPolicy(info, cache.read(entry))

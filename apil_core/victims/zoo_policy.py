@@ -1,0 +1,110 @@
+"""A zoo agent as a :class:`apil_core.Policy`."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from apil_core.policy import Policy, PolicyInfo
+from apil_core.types import Decision, DiagonalGaussian, View
+from apil_core.victims.networks import Filter, Output, State, Weights, make_network
+
+_CLIP = 5.0
+_Net = Literal["actor", "critic"]
+
+
+class ZooPolicy(Policy):
+    """A frozen agent of Bansal et al. 2018.
+
+    Sees its observation filtered by the mean and variance of its own training, clipped to ±5, and
+    draws from a normal distribution whose standard deviation does not depend on the observation.
+
+    Attributes:
+        actor: torch module from filtered observation to mean action.
+        critic: torch module from filtered observation to normalised return.
+        logstd: of the action, shape (a,).
+    """
+
+    def __init__(self, info: PolicyInfo, weights: Weights):
+        self.info = info
+        self.actor = make_network(weights, "policy")
+        self.critic = make_network(weights, "value")
+        self.logstd = torch.tensor(weights["logstd"][0])
+        self._observations = Filter(weights, "observation_filter")
+        self._returns = Filter(weights, "return_filter")
+        self._std = self.logstd.exp()
+        self._state: dict[_Net, State] = {"actor": {}, "critic": {}}
+
+    # no_grad rather than inference_mode, whose tensors could not enter a loss (measured: no slower)
+    @torch.no_grad()
+    def act(
+        self,
+        view: View,
+        *,
+        sample: bool,
+        generator: torch.Generator | None = None,
+        activations: bool = False,
+    ) -> Decision:
+        """See :meth:`apil_core.Policy.act`; ``hidden`` is the last tanh layer, or the LSTM's h."""
+        output = self._advance("actor", view)
+        distribution = DiagonalGaussian(output.value, self._std)
+        action = distribution.sample(generator) if sample else output.value
+        return Decision(action, distribution, {"hidden": output.hidden} if activations else None)
+
+    @torch.no_grad()
+    def value(self, view: View) -> Tensor:
+        """The agent's estimate of its return in its own training's units, shape (n,).
+
+        The critic has a recurrent state of its own: call this once per step, as :meth:`act`.
+        """
+        output = self._advance("critic", view)
+        return output.value[:, 0] * self._returns.deviation + self._returns.mean
+
+    def filter(self, observation: Tensor) -> Tensor:
+        """What the networks see of ``observation``; both (n, observation_size)."""
+        size = self.info.observation_size
+        if observation.shape[-1] != size:
+            raise ValueError(f"{self.info.name} reads {size} observations, got {observation.shape[-1]}")
+        return self._observations(observation.float()).clamp_(-_CLIP, _CLIP)
+
+    def _advance(self, net: _Net, view: View) -> Output:
+        network = self.actor if net == "actor" else self.critic
+        state = self._begin(net, view.first) if network.recurrent else {}
+        output = network(self.filter(view.own), state)
+        self._state[net] = output.state
+        return output
+
+    def _begin(self, net: _Net, first: Tensor) -> State:
+        """The state to step from: zeros where a game starts. Old tensors are never written into."""
+        state = self._state[net]
+        if state and len(state["h"]) == len(first):
+            fresh = first.unsqueeze(1)
+            return {key: rows.masked_fill(fresh, 0) for key, rows in state.items()} if first.any() else state
+        if not first.all():
+            before = len(state["h"]) if state else 0
+            raise ValueError(
+                f"{self.info.name}: {len(first)} games after {before}, and not all of them are new"
+            )
+        network = self.actor if net == "actor" else self.critic
+        return network.initial_state(len(first))
+
+    def to(self, device: torch.device | str) -> ZooPolicy:
+        """Move weights and state to ``device``; returns self."""
+        for module in (self.actor, self.critic, self._observations, self._returns):
+            module.to(device)
+        self.logstd, self._std = self.logstd.to(device), self._std.to(device)
+        self.load_recurrent_state(self.recurrent_state())
+        return self
+
+    def recurrent_state(self) -> dict[str, Tensor]:
+        """``actor.h`` and ``actor.c``, each (n, 128), and the critic's if it was asked; else nothing."""
+        return {f"{net}.{key}": rows for net, state in self._state.items() for key, rows in state.items()}
+
+    def load_recurrent_state(self, state: dict[str, Tensor]) -> None:
+        """Restore what :meth:`recurrent_state` gave; an empty one forgets all games."""
+        self._state = {"actor": {}, "critic": {}}
+        for name, rows in state.items():
+            net, _, key = name.partition(".")
+            self._state[net][key] = rows.to(self._std.device, copy=True)  # type: ignore[index]

@@ -1,0 +1,236 @@
+"""One game at a time, for other people's tools: a game as PettingZoo or Gymnasium sees it.
+
+Both are thin: the rules stay in the :class:`apil_core.Game`, here with ``num_envs=1``.
+"""
+
+from __future__ import annotations
+
+import secrets
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+from pettingzoo import ParallelEnv
+
+from apil_core.errors import ConfigError
+from apil_core.game import Array, Game, GameStep, SideLayout
+
+if TYPE_CHECKING:
+    from apil_core.policy import Policy
+
+
+def _single_game(game: Game | str, options: dict[str, Any] | None) -> Game:
+    if isinstance(game, str):
+        from apil_core.registry import make_game
+
+        return make_game(game, num_envs=1, options=options)
+    if options is not None:
+        raise ConfigError("options need the name of a game, not a ready one")
+    if game.num_envs != 1:
+        raise ConfigError(f"a view shows one game, this one has num_envs={game.num_envs}")
+    return game
+
+
+def _observation_space(side: SideLayout) -> Box:
+    return Box(-np.inf, np.inf, (side.observation_size,), np.float32)
+
+
+def _action_space(side: SideLayout) -> Box:
+    return Box(side.action_low, side.action_high, (side.action_size,), np.float32)
+
+
+def _row(action: Any) -> Array:
+    return np.asarray(action, np.float32)[None]
+
+
+def _info(game: Game, step: GameStep, side: int) -> dict[str, Any]:
+    """``reward_move`` and ``sparse``; ``winner`` (bool) and ``cause`` (str) when the game has ended."""
+    info: dict[str, Any] = {
+        "reward_move": float(step.shaping[side, 0]),
+        "sparse": float(step.sparse[side, 0]),
+    }
+    if step.done[0]:
+        info["winner"] = bool(step.winner[0] == side)
+        info["cause"] = game.layout.causes[int(step.cause[0])]
+    return info
+
+
+class ParallelGameEnv(ParallelEnv[str, Array, Array]):
+    """A game as a PettingZoo ``ParallelEnv``; the agents are named as the sides.
+
+    A reward is sparse + dense, as the original games return it. Every ending is a termination, running
+    out of time too, since that is an outcome with a reward; nothing is ever truncated.
+
+    Args:
+        game: a game with ``num_envs=1``, or a game's name.
+        options: of the game, when given by name.
+
+    Raises:
+        UnknownNameError: there is no game of that name.
+        ConfigError: ``game`` has several games, or the options are wrong.
+    """
+
+    metadata = {"name": "apil_game", "render_modes": []}  # noqa: RUF012  (PettingZoo's own form)
+
+    def __init__(self, game: Game | str, options: dict[str, Any] | None = None):
+        self._game = _single_game(game, options)
+        sides = self._game.layout.sides
+        self.possible_agents = [side.name for side in sides]
+        self.agents: list[str] = []
+        self.observation_spaces = {side.name: _observation_space(side) for side in sides}
+        self.action_spaces = {side.name: _action_space(side) for side in sides}
+        self._seeded = False
+
+    def observation_space(self, agent: str) -> Box:
+        """Unbounded, (observation_size,), float32."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> Box:
+        """Bounds of the controls, (action_size,), float32."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Array], dict[str, dict[str, Any]]]:
+        """Start a new game; without a seed the random generator goes on (at first: from entropy)."""
+        if seed is not None or not self._seeded:
+            self._game.seed(secrets.randbits(32) if seed is None else seed)
+            self._seeded = True
+        self._game.reset()
+        self.agents = list(self.possible_agents)
+        return self._observations(), {agent: {} for agent in self.agents}
+
+    def step(
+        self, actions: dict[str, Array]
+    ) -> tuple[
+        dict[str, Array],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        """One control step; returns empty dicts once the game is over."""
+        if not self.agents:
+            return {}, {}, {}, {}, {}
+        first, second = (_row(actions[agent]) for agent in self.possible_agents)
+        step = self._game.step((first, second))
+        over = bool(step.done[0])
+        named = list(enumerate(self.possible_agents))
+        rewards = {agent: float(step.sparse[side, 0] + step.dense[side, 0]) for side, agent in named}
+        infos = {agent: _info(self._game, step, side) for side, agent in named}
+        terminations = dict.fromkeys(self.possible_agents, over)
+        truncations = dict.fromkeys(self.possible_agents, False)
+        if over:
+            self.agents = []
+        return self._observations(), rewards, terminations, truncations, infos
+
+    def close(self) -> None:
+        """Release what the game holds."""
+        self._game.close()
+
+    def _observations(self) -> dict[str, Array]:
+        rows = zip(self.possible_agents, self._game.observations, strict=True)
+        return {agent: row[0].copy() for agent, row in rows}
+
+
+class OpponentInsideEnv(gymnasium.Env[Array, Array]):
+    """A game as a Gymnasium ``Env``: a policy plays one side inside, the caller plays the other.
+
+    Rewards and endings as in :class:`ParallelGameEnv`. A seed fixes the game and the policy's draws.
+
+    Args:
+        game: a game with ``num_envs=1``, or a game's name.
+        opponent: the policy inside, or its name; ``None``: the game's default victim (needs a name).
+        side: the caller's side, 0 or 1; ``None``: the adversary's, which is 1 for a ready game.
+        sample: draw the opponent's actions; false takes their mode.
+        options: of the game, when given by name.
+
+    Raises:
+        UnknownNameError: there is no game or policy of that name.
+        ConfigError: see :class:`ParallelGameEnv`; or no opponent is known.
+        VictimError: the opponent's weights are missing.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012  (Gymnasium's own form)
+
+    def __init__(
+        self,
+        game: Game | str,
+        opponent: Policy | str | None = None,
+        *,
+        side: int | None = None,
+        sample: bool = True,
+        options: dict[str, Any] | None = None,
+    ):
+        import torch
+
+        self._torch = torch
+        self._game = _single_game(game, options)
+        if isinstance(game, str):
+            from apil_core.registry import game_spec
+
+            spec = game_spec(game)
+            side = 1 - spec.victim_side if side is None else side
+            opponent = opponent or spec.default_victim or None
+        self._side = 1 if side is None else side
+        self._opponent = self._load(opponent)
+        self._sample = sample
+        self._generator = torch.Generator()
+        own = self._game.layout.sides[self._side]
+        self.observation_space = _observation_space(own)
+        self.action_space = _action_space(own)
+        self._first = True
+        self._seeded = False
+
+    @staticmethod
+    def _load(opponent: Policy | str | None) -> Policy:
+        if opponent is None:
+            raise ConfigError("OpponentInsideEnv needs an opponent: a policy or the name of one")
+        if isinstance(opponent, str):
+            from apil_core.registry import load_policy
+
+            return load_policy(opponent)
+        return opponent
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Start a new game; without a seed the random generators go on (at first: from entropy)."""
+        super().reset(seed=seed)
+        if seed is not None or not self._seeded:
+            start = secrets.randbits(32) if seed is None else seed
+            self._game.seed(start)
+            self._generator.manual_seed(start)
+            self._seeded = True
+        self._game.reset()
+        self._first = True
+        return self._observation(), {}
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """One control step of both sides."""
+        actions = [_row(action), self._opponent_action()]
+        if self._side == 1:
+            actions.reverse()
+        step = self._game.step((actions[0], actions[1]))
+        reward = float(step.sparse[self._side, 0] + step.dense[self._side, 0])
+        info = _info(self._game, step, self._side)
+        return self._observation(), reward, bool(step.done[0]), False, info
+
+    def close(self) -> None:
+        """Release what the game holds."""
+        self._game.close()
+
+    def _opponent_action(self) -> Array:
+        from apil_core.types import View
+
+        torch = self._torch
+        mine, theirs = (self._game.observations[s].copy() for s in (self._side, 1 - self._side))
+        view = View(torch.from_numpy(theirs), torch.from_numpy(mine), torch.tensor([self._first]))
+        self._first = False
+        with torch.no_grad():
+            decision = self._opponent.act(view, sample=self._sample, generator=self._generator)
+        return decision.action.numpy()
+
+    def _observation(self) -> Array:
+        return self._game.observations[self._side][0].copy()

@@ -1,0 +1,86 @@
+"""Who may import whom (ARCHITECTURE.md): read from the source, so that no lazy import escapes."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PLUGINS = {"apil_adrl": set(), "apil_apl": set(), "apil_apil": {"apil_apl"}, "apil_e_apil": {"apil_apil"}}
+
+
+def imports(path: Path):
+    """All (module, name) imported anywhere in a file; name is None for ``import module``."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, None) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            yield from ((node.module or "", alias.name) for alias in node.names)
+
+
+def sources(folder: str):
+    found = sorted((ROOT / folder).rglob("*.py"))
+    assert found, folder
+    return found
+
+
+def outsiders():
+    for folder in ("envs/apil_envs", *(f"plugins/{name[5:]}/{name}" for name in PLUGINS)):
+        yield from sources(folder)
+
+
+@pytest.mark.parametrize("path", list(outsiders()), ids=lambda p: str(p.relative_to(ROOT)))
+def test_plugins_and_games_use_the_public_api_only(path):
+    import apil_core
+
+    package = path.relative_to(ROOT).parts[-2] if path.parent.name.startswith("apil_") else None
+    package = package or next(part for part in path.parts if part.startswith("apil_"))
+    allowed = {package} | PLUGINS.get(package, set())
+    for module, name in imports(path):
+        top = module.split(".")[0]
+        if top == "apil_core":
+            assert module == "apil_core", f"{path}: imports {module}, not the public apil_core"
+            assert name in apil_core.__all__, f"{path}: {name} is not public"
+        elif top.startswith("apil_"):
+            assert top in allowed, f"{path}: imports {top} without requiring it"
+            assert top == package or module == top, f"{path}: reaches into {module}"
+
+
+def test_the_core_imports_no_plugin_and_no_game():
+    for path in sources("apil_core"):
+        for module, _ in imports(path):
+            top = module.split(".")[0]
+            assert not top.startswith("apil_") or top == "apil_core", f"{path} imports {module}"
+
+
+def test_rsl_rl_and_rich_have_one_home():
+    for path in sources("apil_core"):
+        inside = path.relative_to(ROOT / "apil_core")
+        for module, _ in imports(path):
+            top = module.split(".")[0]
+            assert top != "rsl_rl" or inside.name == "learner.py", f"{path} imports rsl_rl"
+            assert top not in ("rich", "cyclopts") or inside.parts[0] == "cli", f"{path} imports {top}"
+            assert not module.startswith("apil_core.cli") or inside.parts[0] == "cli", f"{path} imports cli"
+
+
+def test_the_public_api_lists_what_it_has():
+    import apil_core
+
+    for name in apil_core.__all__:
+        assert getattr(apil_core, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        apil_core.nonsense
+
+
+def test_finding_plugins_loads_neither_torch_nor_mujoco():
+    code = (
+        "import sys; from apil_core.plugins import discover; discover();"
+        "print(sorted({'torch', 'mujoco', 'numpy.random'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

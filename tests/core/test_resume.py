@@ -1,0 +1,177 @@
+"""A run that was stopped, killed or extended ends with the same bits as one that was not."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from core.small_runs import differences, small_config
+
+from apil_core import ConfigError, RunDirError, checkpoint, resume, run
+from apil_core.config_io import dump_yaml
+from apil_core.rundir import RunDir
+
+
+def final_state(path):
+    return checkpoint.read(RunDir(path).newest_checkpoint())
+
+
+def lines(path):
+    return [json.loads(line) for line in RunDir(path).metrics_path.read_text().splitlines()]
+
+
+@pytest.mark.parametrize(
+    ("method", "options"),
+    [
+        ("adrl", {}),
+        ("apl", {"apl": {"advantage_difference": True}}),
+        ("apil", {"apil": {"prediction": "noise"}}),
+        ("e_apil", {}),
+        ("e_apil", {"apil": {"rollouts": "own", "imitator": {"update": "ppo"}}}),
+    ],
+)
+def test_extending_equals_running_through(tmp_path, method, options):
+    whole = run(small_config(method, options=options), out=tmp_path / "whole")
+    run(small_config(method, options=options, steps=whole.steps // 3), out=tmp_path / "parts")
+    resumed = resume(tmp_path / "parts", steps=small_config().steps)
+    assert resumed.steps == whole.steps
+    assert differences(final_state(tmp_path / "whole"), final_state(tmp_path / "parts")) == []
+
+
+def test_evaluations_during_training_change_nothing(tmp_path):
+    run(small_config(), out=tmp_path / "without")
+    config = small_config(evaluation={"episodes": 8, "every_steps": 600, "periodic_episodes": 8})
+    run(config, out=tmp_path / "with")
+    assert differences(final_state(tmp_path / "without"), final_state(tmp_path / "with")) == []
+    assert sum("evaluation/win" in line for line in lines(tmp_path / "with")) == 5
+
+
+def start(run_dir: Path, config) -> subprocess.Popen:
+    file = run_dir.parent / "config.yaml"
+    file.write_text(dump_yaml(config))
+    command = [sys.executable, "-m", "apil_core.cli", "run", "--config", str(file), "--out", str(run_dir)]
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={**os.environ, "COLUMNS": "200"}
+    )
+
+
+def wait_for_checkpoint(process, run_dir, count=2, seconds=90):
+    deadline = time.monotonic() + seconds
+    while len(RunDir(run_dir).checkpoints()) < count:
+        assert process.poll() is None, process.communicate()[0]
+        assert time.monotonic() < deadline, "no checkpoint in time"
+        time.sleep(0.01)
+
+
+def test_sigkill_and_resume_gives_the_same_bits(tmp_path):
+    config = small_config(steps=60 * 512)
+    process = start(tmp_path / "killed", config)
+    wait_for_checkpoint(process, tmp_path / "killed")
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert RunDir(tmp_path / "killed").result() is None
+    resume(tmp_path / "killed")
+    run(config, out=tmp_path / "whole")
+    assert differences(final_state(tmp_path / "whole"), final_state(tmp_path / "killed")) == []
+    assert [m["iteration"] for m in lines(tmp_path / "killed")] == list(range(1, 61))
+
+
+def test_ctrl_c_checkpoints_and_says_how_to_go_on(tmp_path):
+    config = small_config(steps=10_000 * 512)
+    process = start(tmp_path / "stopped", config)
+    wait_for_checkpoint(process, tmp_path / "stopped", count=1)
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=60)
+    assert process.returncode == 130, output
+    assert f"apil resume {tmp_path / 'stopped'}" in output
+    assert "Traceback" not in output
+    last = lines(tmp_path / "stopped")[-1]
+    assert final_state(tmp_path / "stopped")["iteration"] == last["iteration"]
+    assert RunDir(tmp_path / "stopped").result()["status"] == "interrupted"
+
+
+def test_threads_do_not_change_results(tmp_path):
+    run(small_config(threads=1), out=tmp_path / "one")
+    run(small_config(threads=2), out=tmp_path / "two")
+    assert differences(final_state(tmp_path / "one"), final_state(tmp_path / "two")) == []
+
+
+def test_a_finished_run_says_how_to_extend_it(tmp_path):
+    run(small_config("adrl", steps=512), out=tmp_path / "r")
+    with pytest.raises(RunDirError, match="is finished at 512 steps; to extend it: apil resume .* --steps N"):
+        resume(tmp_path / "r")
+
+
+def test_an_existing_directory_is_not_touched(tmp_path):
+    (tmp_path / "r").mkdir()
+    (tmp_path / "r" / "thesis.txt").write_text("mine")
+    with pytest.raises(RunDirError, match="exists and is not empty; choose another --out"):
+        run(small_config("adrl"), out=tmp_path / "r")
+    assert [p.name for p in (tmp_path / "r").iterdir()] == ["thesis.txt"]
+
+
+def test_a_path_that_cannot_be_a_directory(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RunDirError, match="cannot create run directory"):
+        run(small_config("adrl"), out=tmp_path / "file" / "r")
+
+
+def test_a_checkpoint_cut_short_is_named_and_the_one_before_works(tmp_path):
+    run(small_config("adrl"), out=tmp_path / "r")
+    newest, before = RunDir(tmp_path / "r").checkpoints()[::-1][:2]
+    content = newest.read_bytes()
+    newest.write_bytes(content[: len(content) // 2])
+    with pytest.raises(RunDirError, match="damaged or cut short .*--checkpoint") as caught:
+        resume(tmp_path / "r", steps=10_000)
+    assert str(newest) in str(caught.value)
+    assert str(before) in str(caught.value)
+    assert newest.read_bytes() == content[: len(content) // 2]
+    result = resume(tmp_path / "r", checkpoint_path=before)
+    assert result.status == "finished"
+    assert newest.read_bytes() != content[: len(content) // 2]
+
+
+def test_a_checkpoint_of_a_newer_version_is_refused(tmp_path):
+    run(small_config("adrl", steps=512), out=tmp_path / "r")
+    path = RunDir(tmp_path / "r").newest_checkpoint()
+    state = checkpoint.read(path)
+    checkpoint.save(path, {**state, "format": checkpoint.FORMAT + 1})
+    with pytest.raises(RunDirError, match="upgrade apil"):
+        resume(tmp_path / "r", steps=2000)
+
+
+def test_a_full_disk_keeps_the_last_checkpoint(tmp_path, monkeypatch):
+    path = tmp_path / "state.pt"
+    checkpoint.save(path, {"x": 1})
+
+    def full(*_args, **_kwargs):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(checkpoint.torch, "save", full)
+    with pytest.raises(RunDirError, match="No space left"):
+        checkpoint.save(path, {"x": 2})
+    monkeypatch.undo()
+    assert checkpoint.read(path)["x"] == 1
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_only_the_newest_checkpoints_stay(tmp_path):
+    run(small_config("adrl", checkpoint={"every_iterations": 1, "keep": 3}), out=tmp_path / "r")
+    names = [p.name for p in RunDir(tmp_path / "r").checkpoints()]
+    assert names == [f"iteration-{i:08d}.pt" for i in (4, 5, 6)]
+
+
+def test_init_from_takes_the_networks_of_another_run(tmp_path):
+    run(small_config("adrl"), out=tmp_path / "first")
+    run(small_config("adrl", init_from=tmp_path / "first", seed=5, steps=512), out=tmp_path / "second")
+    counts = [final_state(tmp_path / n)["builder"]["normalizers.own.moments.count"] for n in ("first", "second")]
+    assert float(counts[1]) > float(counts[0])
+    with pytest.raises(ConfigError, match="init_from: .* observation groups"):
+        run(small_config("apil", init_from=tmp_path / "first"), out=tmp_path / "third")
+    assert not (tmp_path / "third").exists()
