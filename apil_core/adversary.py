@@ -38,7 +38,7 @@ class ObservationBuilder(nn.Module):
     @property
     def sizes(self) -> dict[str, int]:
         """Length of each group, in order of concatenation; empty before the first view."""
-        return {name: module.shift.numel() for name, module in self.normalizers.items()}
+        return {name: self._normalizer(name).shift.numel() for name in self.normalizers}
 
     def groups(self, context: Context, view: View) -> dict[str, Tensor]:
         """Raw groups, each (n, k).
@@ -76,12 +76,17 @@ class ObservationBuilder(nn.Module):
         """Normalised groups, batch (n,); ``update`` also takes them into the statistics."""
         result = {}
         for name, value in groups.items():
-            normalizer = self.normalizers[name]
+            normalizer = self._normalizer(name)
             if update:
                 normalizer.update(value)
             result[name] = normalizer(value)
         some = next(iter(groups.values()))
         return TensorDict(result, batch_size=[some.shape[0]], device=some.device)
+
+    def _normalizer(self, name: str) -> ObservationNormalizer:
+        module = self.normalizers[name]
+        assert isinstance(module, ObservationNormalizer)
+        return module
 
     def _width(self, name: str, value: Any) -> int:
         if not isinstance(value, Tensor) or value.ndim != 2:

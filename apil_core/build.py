@@ -151,9 +151,7 @@ def build(config: RunConfig, plugins: PluginRegistry) -> Attack:
         example = env.get_observations()
     actor = Actor(builder.sizes, game.layout.sides[1 - attacked].action_size, config.ppo)
     learner = Learner(actor, example, config.ppo, device)
-    return Attack(
-        config, game, victim, 1 - attacked, methods, hooks, builder, streams, env, actor, learner
-    )
+    return Attack(config, game, victim, 1 - attacked, methods, hooks, builder, streams, env, actor, learner)
 
 
 def method_setup(config: RunConfig, game: Game, adversary_side: int, device: torch.device) -> MethodSetup:

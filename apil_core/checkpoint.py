@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +10,7 @@ import numpy as np
 import torch
 
 from apil_core.errors import RunDirError
+from apil_core.files import write_atomically
 
 FORMAT = 1
 """Version of the checkpoint layout; older code refuses newer files."""
@@ -29,29 +28,6 @@ def to_tensors(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return type(value)(to_tensors(item) for item in value)
     return value
-
-
-def write_atomically(path: Path, write: Any) -> None:
-    """Call ``write(file)`` on a temporary neighbour, fsync it, and rename it to ``path``.
-
-    Raises:
-        RunDirError: the directory cannot be written (full, read-only, gone).
-    """
-    temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        with temporary.open("wb") as file:
-            write(file)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-        directory = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(directory)  # the rename itself must survive a power cut
-        finally:
-            os.close(directory)
-    except (OSError, RuntimeError) as error:  # torch.save reports a full disk as RuntimeError
-        temporary.unlink(missing_ok=True)
-        raise RunDirError(f"cannot write {path}: {error}; what was there before is untouched") from error
 
 
 def save(path: Path, state: dict[str, Any]) -> None:
@@ -81,9 +57,3 @@ def read(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
             f"{path} has checkpoint format {state['format']}, this version reads up to {FORMAT}: upgrade apil"
         )
     return state
-
-
-def sha256(path: Path) -> str:
-    """Hex digest of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

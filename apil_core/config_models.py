@@ -56,11 +56,8 @@ def json_schema(plugins: PluginRegistry, method: str | None = None) -> dict[str,
     for section in schema.get("$defs", {}).values():
         if section.get("title") == "MethodOptions":
             section.pop("required", None)
-    names = {"method": plugins.methods, "env": plugins.games}
-    for key, known in names.items():
-        schema["properties"][key]["enum"] = sorted(known)
-    if method:
-        schema["properties"]["method"]["enum"] = [method]
+    schema["properties"]["method"]["enum"] = [method] if method else sorted(plugins.methods)
+    schema["properties"]["env"]["enum"] = sorted(plugins.games)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
 

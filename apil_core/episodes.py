@@ -66,9 +66,9 @@ class EpisodeStats:
             "reward/uneven_share": float(self._uneven) / max(self._steps, 1),
         }
         if ended.shape[1]:
-            result["return/adversary"], result["return/victim"], result["episode_length"] = (
-                ended.mean(1).tolist()
-            )
+            result["return/adversary"], result["return/victim"], result["episode_length"] = ended.mean(
+                1
+            ).tolist()
         for name, total in self._terms.items():
             result[f"reward/{name}"] = float(total) / max(self._steps, 1)
         for name, count in zip(self.causes, self._cause_counts.tolist(), strict=True):

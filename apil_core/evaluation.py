@@ -16,14 +16,15 @@ from apil_core import checkpoint
 from apil_core.build import adversary_policy, check_device, load_victim, victim_name, victim_side
 from apil_core.config import ActionMode, RunConfig
 from apil_core.errors import ConfigError, RunDirError
+from apil_core.files import sha256
 from apil_core.game import Game
 from apil_core.play import Filter, Seat, Tally, play
 from apil_core.plugins import PluginRegistry, discover
 from apil_core.policy import Policy, PolicyInfo
 from apil_core.progress import Progress
 from apil_core.registry import default_plugins, make_game
-from apil_core.rundir import RunDir
 from apil_core.run_hooks import RunHookManager
+from apil_core.rundir import RunDir
 from apil_core.types import Context
 
 MAX_PARALLEL_GAMES = 128
@@ -267,7 +268,7 @@ def load_adversary(
     state = checkpoint.read(path, config.device)
     info = PolicyInfo(
         name=f"run:{run_dir.path}",
-        sha256=checkpoint.sha256(path),
+        sha256=sha256(path),
         observation_size=game.layout.sides[1 - victim_side(config, plugins)].observation_size,
         action_size=game.layout.sides[1 - victim_side(config, plugins)].action_size,
     )

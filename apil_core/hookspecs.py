@@ -91,9 +91,7 @@ class RunHooks:
         """
 
     @hookspec(firstresult=True)
-    def combine_advantages(
-        self, run: Run, rollout: Rollout, streams: dict[str, Tensor]
-    ) -> Tensor | None:
+    def combine_advantages(self, run: Run, rollout: Rollout, streams: dict[str, Tensor]) -> Tensor | None:
         """Mix the streams' advantages into the one the policy gradient uses.
 
         Args:

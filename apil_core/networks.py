@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -18,7 +19,7 @@ def mlp(sizes: Sequence[int], *, output_gain: float = 1.0) -> nn.Sequential:
     initialisation of the PPO code all four methods were published with.
     """
     layers: list[nn.Module] = []
-    for i, (inputs, outputs) in enumerate(zip(sizes, sizes[1:], strict=False)):
+    for i, (inputs, outputs) in enumerate(itertools.pairwise(sizes)):
         last = i == len(sizes) - 2
         linear = nn.Linear(inputs, outputs)
         nn.init.orthogonal_(linear.weight, gain=output_gain if last else math.sqrt(2))

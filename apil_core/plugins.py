@@ -121,7 +121,9 @@ class PluginRegistry:
         record.error = reason if isinstance(error, PluginError) else f"{type(error).__name__}: {reason}"
         self.records.append(record)
         if os.environ.get("APIL_STRICT_PLUGINS") == "1":
-            raise PluginError(f"plugin {record.name!r} ({record.origin}) is broken: {record.error}") from error
+            raise PluginError(
+                f"plugin {record.name!r} ({record.origin}) is broken: {record.error}"
+            ) from error
 
 
 def _ask(record: PluginRecord, plugin: Any) -> dict[str, dict[str, Any]]:

@@ -103,7 +103,7 @@ def truncate_metrics(path: Path, after_iteration: int) -> None:
     """
     if not path.exists():
         return
-    from apil_core.checkpoint import write_atomically
+    from apil_core.files import write_atomically
 
     rows = [(line, _parse(line)) for line in _lines(path)]
     kept = [line for line, row in rows if row is not None and row.get("iteration", 0) <= after_iteration]

@@ -38,6 +38,8 @@ class RolloutBuffer:
 
     def add(self, step: StepBatch, shaped: Tensor, groups: Mapping[str, Tensor]) -> None:
         """Append one vectorised step with its shaped reward (n,) and raw observation groups."""
+        if self._length == self.num_steps:
+            self._length = 0  # a foreign runner never asks for rollouts: keep the newest
         t = self._length
         for name in _FIELDS:
             self._put(self._data, name, t, getattr(step, name))

@@ -88,7 +88,9 @@ class RunHookManager:
                 raise
             name, hook = culprit
             reason = " ".join(str(error).split())
-            raise PluginError(f"plugin {name!r} failed in {hook}: {type(error).__name__}: {reason}") from error
+            raise PluginError(
+                f"plugin {name!r} failed in {hook}: {type(error).__name__}: {reason}"
+            ) from error
 
     def _register(self, name: str, plugin: Any) -> None:
         try:

@@ -13,9 +13,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from apil_core.checkpoint import write_atomically
 from apil_core.config import RunConfig
 from apil_core.errors import RunDirError
+from apil_core.files import write_atomically
+from apil_core.plugins import PluginRegistry
 
 DEFAULT_ROOT = Path("runs")
 _PACKAGES = ("apil", "torch", "mujoco", "numpy", "rsl-rl-lib", "gymnasium", "pettingzoo", "tensordict")
@@ -37,7 +38,9 @@ class RunDir:
         self.checkpoint_dir = self.path / "checkpoints"
 
     @classmethod
-    def create(cls, config: RunConfig, out: Path | None, command: Sequence[str]) -> RunDir:
+    def create(
+        cls, config: RunConfig, out: Path | None, command: Sequence[str], plugins: PluginRegistry
+    ) -> RunDir:
         """Make a fresh directory with the resolved config and the environment.
 
         Raises:
@@ -53,15 +56,15 @@ class RunDir:
             run_dir.checkpoint_dir.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise RunDirError(f"cannot create run directory {run_dir.path}: {error.strerror}") from error
-        run_dir.write_config(config)
+        run_dir.write_config(config, plugins)
         run_dir.note_environment(command)
         return run_dir
 
-    def write_config(self, config: RunConfig) -> None:
-        """Store the resolved configuration."""
+    def write_config(self, config: RunConfig, plugins: PluginRegistry) -> None:
+        """Store the resolved configuration; ``plugins`` explain their options in its comments."""
         from apil_core.config_io import dump_yaml
 
-        text = dump_yaml(config).encode()
+        text = dump_yaml(config, plugins).encode()
         write_atomically(self.config_path, lambda file: file.write(text))
 
     def note_environment(self, command: Sequence[str]) -> None:

@@ -18,6 +18,7 @@ from apil_core.build import build, victim_name
 from apil_core.config import RunConfig
 from apil_core.errors import ApilError, ConfigError, RunDirError, UnknownNameError
 from apil_core.evaluation import EvaluationResult
+from apil_core.files import sha256
 from apil_core.plugins import PluginRegistry, discover
 from apil_core.progress import Progress
 from apil_core.recorders import truncate_metrics
@@ -61,7 +62,7 @@ def run(
     trainer = _trainer(config, registry)
     if config.init_from is not None:
         _initialise(trainer, config.init_from)
-    run_dir = RunDir.create(trainer.config, out, command)
+    run_dir = RunDir.create(trainer.config, out, command, registry)
     return _Session(trainer, run_dir, progress or Progress(), registry).go()
 
 
@@ -103,7 +104,7 @@ def resume(
     registry = _plugins(config)
     trainer = _trainer(config, registry)
     trainer.load_state_dict(state)
-    directory.write_config(config)
+    directory.write_config(config, registry)
     directory.note_environment(command)
     truncate_metrics(directory.metrics_path, state["iteration"])
     return _Session(trainer, directory, progress or Progress(), registry).go()
@@ -143,7 +144,9 @@ class _Session:
         self.run_dir = run_dir
         self.progress = progress
         self.config = trainer.config
-        self.recorders = [load(plugins.recorders[name].factory)(run_dir.path) for name in self.config.recorders]
+        self.recorders = [
+            load(plugins.recorders[name].factory)(run_dir.path) for name in self.config.recorders
+        ]
         self.victim = victim_name(self.config, plugins)
         self._saved_iteration = -1
         self._stop = False
@@ -202,7 +205,8 @@ class _Session:
         self.progress.note(message)
         with suppress(ApilError):
             self.run_dir.write_json(
-                self.run_dir.result_path, {"status": "failed", "steps": self.trainer.steps, "error": str(error)}
+                self.run_dir.result_path,
+                {"status": "failed", "steps": self.trainer.steps, "error": str(error)},
             )
 
     def _evaluate(self, episodes: int) -> EvaluationResult:
@@ -217,7 +221,7 @@ class _Session:
         result = self._evaluate(episodes)
         path = self.run_dir.checkpoint_path(self.trainer.iteration)
         result.adversary.name = f"run:{self.run_dir.path}"
-        result.adversary.sha256 = checkpoint.sha256(path)
+        result.adversary.sha256 = sha256(path)
         return result
 
     def _result(

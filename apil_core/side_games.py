@@ -76,7 +76,7 @@ class SideGames:
             config,
             weights=attack.env.weights,
             adversary_side=attack.adversary_side,
-            generators={name: attack.generators["method"] for name in ("victim", "method")},
+            generators=dict.fromkeys(("victim", "method"), attack.generators["method"]),
             learning=False,
         )
         if self._saved is not None:

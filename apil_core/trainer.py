@@ -130,7 +130,9 @@ class Trainer:
                 plugins=self.plugins,
             )
             side = self.adversary_side
-            victim = load_victim(victim_name(config, self.plugins), game, 1 - side, config.device, self.plugins)
+            victim = load_victim(
+                victim_name(config, self.plugins), game, 1 - side, config.device, self.plugins
+            )
             generator = torch.Generator(device=self.device).manual_seed(config.seed)
             context = Context(side, "adversary", "eval", self.device, generator)
             seat = self.layout.sides[side]

@@ -10,7 +10,7 @@ import pytest
 
 @pytest.fixture(scope="session")
 def zoo_dir() -> Path:
-    """Folder of the pretrained agents (``agent-zoo``): ``$APIL_ZOO`` or ``../shared/zoo`` beside the repository."""
+    """Folder ``agent-zoo`` of the pretrained agents, in ``$APIL_ZOO`` or ``<repository>/../shared/zoo``."""
     beside = Path(__file__).resolve().parents[2] / "shared" / "zoo"
     root = Path(os.environ.get("APIL_ZOO", beside))
     for candidate in (root, root / "agent-zoo"):

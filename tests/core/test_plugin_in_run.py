@@ -7,10 +7,10 @@ import types
 
 import pytest
 import torch
-from core.small_runs import small_config
 
 from apil_core import Method, MethodSpec, PluginError, evaluate, hookimpl, run
 from apil_core.plugins import PluginRecord, discover
+from core.small_runs import small_config
 
 
 class Curious(Method):
@@ -113,18 +113,34 @@ def crash_later(self, run, step):
 @pytest.mark.parametrize(
     ("hook", "answer", "message"),
     [
-        ("shape_reward", lambda self, run, step: {"bonus": step.reward[:3]}, r"'bonus' must have shape \(32,\), got \(3,\)"),
+        (
+            "shape_reward",
+            lambda self, run, step: {"bonus": step.reward[:3]},
+            r"'bonus' must have shape \(32,\), got \(3,\)",
+        ),
         ("shape_reward", lambda self, run, step: step.reward, "must return a dict or None, got Tensor"),
         ("shape_reward", nan_reward, r"\(filled by bad\): bonus: NaN or infinite reward"),
         ("shape_reward", crash_later, "plugin 'bad' failed in shape_reward: RuntimeError: step 1000"),
-        ("extend_observation", lambda self, view: {"g": view.own[:, 0]}, r"'g' must have shape \(num_envs, k\)"),
-        ("extend_observation", lambda self, view: {"g": view.own.double()}, "'g' must be .* float32, got .*float64"),
+        (
+            "extend_observation",
+            lambda self, view: {"g": view.own[:, 0]},
+            r"'g' must have shape \(num_envs, k\)",
+        ),
+        (
+            "extend_observation",
+            lambda self, view: {"g": view.own.double()},
+            "'g' must be .* float32, got .*float64",
+        ),
         ("extend_observation", lambda self, view: {"own": view.own}, "the name 'own' is taken"),
-        ("filter_observation", lambda self, obs: obs[:, 1:], r"filter_observation \(filled by bad\): must keep the shape"),
+        (
+            "filter_observation",
+            lambda self, obs: obs[:, 1:],
+            r"filter_observation \(filled by bad\): must keep the shape",
+        ),
         ("shape_rewards", lambda self, run: None, "plugin 'bad' cannot be used: .*shape_rewards"),
         ("shape_reward", lambda self, run, steps: None, "plugin 'bad' cannot be used: .*steps"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_are_one_line_with_the_plugins_name(tmp_path, hook, answer, message):
     registry = registry_with(broken(hook, answer), name="bad", requires=())
     with pytest.raises(PluginError, match=message) as caught:

@@ -11,11 +11,11 @@ import time
 from pathlib import Path
 
 import pytest
-from core.small_runs import differences, small_config
 
 from apil_core import ConfigError, RunDirError, checkpoint, resume, run
 from apil_core.config_io import dump_yaml
 from apil_core.rundir import RunDir
+from core.small_runs import differences, small_config
 
 
 def final_state(path):
@@ -57,7 +57,11 @@ def start(run_dir: Path, config) -> subprocess.Popen:
     file.write_text(dump_yaml(config))
     command = [sys.executable, "-m", "apil_core.cli", "run", "--config", str(file), "--out", str(run_dir)]
     return subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={**os.environ, "COLUMNS": "200"}
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "COLUMNS": "200"},
     )
 
 
@@ -170,7 +174,9 @@ def test_only_the_newest_checkpoints_stay(tmp_path):
 def test_init_from_takes_the_networks_of_another_run(tmp_path):
     run(small_config("adrl"), out=tmp_path / "first")
     run(small_config("adrl", init_from=tmp_path / "first", seed=5, steps=512), out=tmp_path / "second")
-    counts = [final_state(tmp_path / n)["builder"]["normalizers.own.moments.count"] for n in ("first", "second")]
+    counts = [
+        final_state(tmp_path / n)["builder"]["normalizers.own.moments.count"] for n in ("first", "second")
+    ]
     assert float(counts[1]) > float(counts[0])
     with pytest.raises(ConfigError, match="init_from: .* observation groups"):
         run(small_config("apil", init_from=tmp_path / "first"), out=tmp_path / "third")

@@ -6,8 +6,8 @@ import math
 
 import pytest
 import torch
-from apil_apil.discriminator import imitation_loss, reward_log_d, reward_neg_log_1md
 
+from apil_apil.discriminator import imitation_loss, reward_log_d, reward_neg_log_1md
 from apil_core import RunConfig
 from apil_core.build import build_hooks
 from apil_core.game import GameLayout, GameStep, SideLayout
@@ -100,7 +100,9 @@ def test_e_apil_subtracts_the_adversarys_reward(beta):
 
 def test_the_published_codes_reward():
     hooks = hooks_of("apil", apil={"reward": "neg_log_1md"})
-    reward = hooks.hook.imitation_reward(run=None, rollout=rollout_with([[0.0]]), logits=torch.tensor([[1.0]]))
+    reward = hooks.hook.imitation_reward(
+        run=None, rollout=rollout_with([[0.0]]), logits=torch.tensor([[1.0]])
+    )
     d = 1 / (1 + math.exp(-1.0))
     torch.testing.assert_close(reward, torch.tensor([[-math.log(1 - d)]]))
 

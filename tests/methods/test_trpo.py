@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from apil_apil.config import DiscriminatorConfig, ImitatorConfig
 from apil_apil.discriminator import Discriminator
 from apil_apil.imitator import Experience, Imitator
 from apil_apil.trpo import TrustRegion, conjugate_gradient, trpo_step
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
 from apil_core import GaussianActor
 
 
@@ -58,7 +58,11 @@ def test_a_hopeless_step_leaves_the_policy_alone():
     policy, observations, _, _ = problem(0)
     before = [p.clone() for p in policy.parameters()]
     metrics = trpo_step(
-        policy, observations, lambda new: 0.0 * (new.mean.sum() + new.std.sum()), TrustRegion(), torch.arange(512)
+        policy,
+        observations,
+        lambda new: 0.0 * (new.mean.sum() + new.std.sum()),
+        TrustRegion(),
+        torch.arange(512),
     )
     assert metrics["accepted"] == 0.0
     assert all(torch.equal(a, b) for a, b in zip(before, policy.parameters(), strict=True))
@@ -67,7 +71,6 @@ def test_a_hopeless_step_leaves_the_policy_alone():
 def test_fisher_product_is_the_hessian_of_kl():
     # one parameter: the mean of a unit Gaussian. KL = ½ (μ − μ')², Hessian 1, plus damping .1
     from apil_apil.trpo import _fisher_product
-
     from apil_core import DiagonalGaussian
 
     mean = torch.nn.Parameter(torch.tensor([0.3]))

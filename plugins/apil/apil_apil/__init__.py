@@ -1,4 +1,4 @@
-"""APIL (Bui et al. 2022): APL plus a GAIL imitator of the victim whose predicted action the adversary sees."""
+"""APIL (Bui et al. 2022): APL plus a GAIL imitator whose prediction of the victim the adversary sees."""
 
 from __future__ import annotations
 

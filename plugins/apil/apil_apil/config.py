@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from apil_core import Section
 from pydantic import Field, model_validator
+
+from apil_core import Section
 
 
 class ImitatorConfig(Section):

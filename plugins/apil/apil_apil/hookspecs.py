@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 from apil_core import hookspec
 
 if TYPE_CHECKING:
-    from apil_core import Rollout, Run
     from torch import Tensor
+
+    from apil_core import Rollout, Run
 
 
 @hookspec(firstresult=True)
-def imitation_reward(run: Run, rollout: Rollout, logits: Tensor) -> Tensor | None:  # type: ignore[empty-body]
+def imitation_reward(run: Run, rollout: Rollout, logits: Tensor) -> Tensor | None:
     """The imitator's reward per step, before its policy-gradient update.
 
     APIL answers with log D(s, ã) or −log(1 − D). Wrap it (``@hookimpl(wrapper=True)``) to add to

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-from apil_core import DiagonalGaussian, GaussianActor, gae, mlp, normalize_advantages
 from torch import Tensor, nn
 
 from apil_apil.config import ImitatorConfig
 from apil_apil.trpo import TrustRegion, trpo_step
+from apil_core import DiagonalGaussian, GaussianActor, gae, mlp, normalize_advantages
 
 _ADAM_EPSILON = 1e-5
 

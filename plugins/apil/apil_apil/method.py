@@ -5,6 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import torch
+from torch import Tensor
+
+from apil_apil.config import ApilConfig
+from apil_apil.discriminator import Discriminator, imitation_loss, reward_log_d, reward_neg_log_1md
+from apil_apil.imitator import Experience, Imitator
+from apil_apil.quality import accuracy, prediction_quality
 from apil_core import (
     ApilError,
     Context,
@@ -20,12 +26,6 @@ from apil_core import (
     View,
     hookimpl,
 )
-from torch import Tensor
-
-from apil_apil.config import ApilConfig
-from apil_apil.discriminator import Discriminator, imitation_loss, reward_log_d, reward_neg_log_1md
-from apil_apil.imitator import Experience, Imitator
-from apil_apil.quality import accuracy, prediction_quality
 
 PREDICTION = "prediction"
 """Observation group with ã."""
@@ -124,9 +124,7 @@ class Apil(Method):
         reward = reward_log_d if self.options.reward == "log_d" else reward_neg_log_1md
         return reward(logits)
 
-    def _own(
-        self, run: Run, rollout: Rollout, states: Tensor, fresh: bool
-    ) -> tuple[Rollout, Tensor, Tensor]:
+    def _own(self, run: Run, rollout: Rollout, states: Tensor, fresh: bool) -> tuple[Rollout, Tensor, Tensor]:
         """The rollout the imitator learns from, its normalised states, and ã in it.
 
         Shared: ã as the adversary saw it, redrawn where that was no sample of the present policy.

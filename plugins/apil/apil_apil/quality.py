@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import torch
-from apil_core import DiagonalGaussian
 from torch import Tensor
+
+from apil_core import DiagonalGaussian
 
 
 def prediction_quality(prediction: DiagonalGaussian, action: Tensor) -> dict[str, float]:

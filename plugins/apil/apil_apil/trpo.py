@@ -6,8 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
-from apil_core import DiagonalGaussian
 from torch import Tensor, nn
+
+from apil_core import DiagonalGaussian
 
 
 @dataclass

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from apil_core import Method, Rollout, Run, StepBatch, hookimpl, normalize_advantages
 from torch import Tensor
 
 from apil_apl.config import AplConfig
+from apil_core import Method, Rollout, Run, StepBatch, hookimpl, normalize_advantages
 
 STREAM = "victim"
 """Name of the reward stream r^ν when ``advantage_difference`` is on."""
@@ -31,9 +31,7 @@ class Apl(Method):
         return {STREAM: rollout.normalized_victim_reward}
 
     @hookimpl
-    def combine_advantages(
-        self, run: Run, rollout: Rollout, streams: dict[str, Tensor]
-    ) -> Tensor | None:
+    def combine_advantages(self, run: Run, rollout: Rollout, streams: dict[str, Tensor]) -> Tensor | None:
         """Â_α − Â_ν, each normalised over the rollout, (T, n); PPO clips one ratio around it."""
         if not self.options.advantage_difference:
             return None

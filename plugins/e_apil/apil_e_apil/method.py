@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Generator
 
-from apil_core import Method, Rollout, hookimpl
 from torch import Tensor
 
+from apil_core import Method, Rollout, hookimpl
 from apil_e_apil.config import EApilConfig
 
 

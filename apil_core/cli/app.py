@@ -1,0 +1,54 @@
+"""The tree of verbs. Every verb is imported when it is called, so that ``apil --help`` is instant."""
+
+from __future__ import annotations
+
+from cyclopts import App, Group, Parameter
+
+from apil_core import __version__
+
+_HELP = "Train and judge adversarial policies against deep-RL agents in two-player games."
+
+_WORK = Group("Train and evaluate", sort_key=0)
+_LOOK = Group("See what is there", sort_key=1)
+
+_VERBS = (
+    ("run", "run:run", _WORK, "Train an adversary against a frozen victim, then score it."),
+    ("resume", "resume:resume", _WORK, "Continue a run exactly where it stopped, or extend a finished one."),
+    ("eval", "evaluate:evaluate", _WORK, "Score an adversary: win, tie and loss rates with 95 % intervals."),
+    ("runs", "runs:app", _WORK, "List runs, compare their scores."),
+    ("config", "config:app", _WORK, "Show, validate, describe and compare configurations."),
+    ("victims", "victims:app", _WORK, "List, import and download victim weights."),
+    ("methods", "offers:methods", _LOOK, "Attack methods there are."),
+    ("games", "offers:games", _LOOK, "Games there are."),
+    (
+        "plugins",
+        "offers:plugins",
+        _LOOK,
+        "Installed plugins, what they offer, and what is wrong with broken ones.",
+    ),
+)
+
+
+def make_app() -> App:
+    """The command line as one cyclopts app."""
+    app = App(
+        name="apil",
+        help=_HELP,
+        help_format="plaintext",
+        version=__version__,
+        # --no-… and --empty-… twins of every flag would only bury the real ones
+        default_parameter=Parameter(negative=()),
+        result_action="return_value",
+        exit_on_error=False,
+        print_error=False,
+        suppress_keyboard_interrupt=False,
+    )
+    app["--help"].group = app["--version"].group = "Options"
+    for order, (name, target, group, summary) in enumerate(_VERBS):
+        app.command(f"apil_core.cli.{target}", name=name, group=group, help=summary, sort_key=order)
+    return app
+
+
+def sub_app(name: str, summary: str) -> App:
+    """A group of verbs (``apil NAME …``) with the manners of the whole."""
+    return App(name=name, help=summary, default_parameter=Parameter(negative=()), help_format="plaintext")

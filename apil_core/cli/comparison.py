@@ -1,0 +1,157 @@
+"""Scores of several runs side by side, and which differences are more than noise."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Sequence
+from typing import Any
+
+from pydantic import BaseModel
+
+from apil_core.errors import RunDirError
+from apil_core.evaluation import EvaluationResult, Rate
+from apil_core.rundir import RunDir
+
+
+class Difference(BaseModel):
+    """First run's share subtracted from this one's, with Newcombe's 95 % interval, as fractions."""
+
+    value: float
+    low: float
+    high: float
+    within_noise: bool
+
+
+class Row(BaseModel):
+    """One run; scores are ``None`` without a final evaluation, differences in the first row too."""
+
+    run: str
+    method: str
+    env: str
+    victim: str
+    seed: int
+    steps: int
+    status: str
+    episodes: int = 0
+    action_modes: str = ""
+    win: Rate | None = None
+    win_or_tie: Rate | None = None
+    win_difference: Difference | None = None
+    win_or_tie_difference: Difference | None = None
+
+
+class Spread(BaseModel):
+    """Runs that differ in the seed only: mean and standard deviation of their shares."""
+
+    method: str
+    env: str
+    victim: str
+    steps: int
+    seeds: list[int]
+    win_mean: float
+    win_sd: float
+    win_or_tie_mean: float
+    win_or_tie_sd: float
+
+
+class Comparison(BaseModel):
+    """What ``apil runs compare --json`` prints."""
+
+    rows: list[Row]
+    spreads: list[Spread]
+    warnings: list[str]
+
+
+def compare(runs: Sequence[RunDir]) -> Comparison:
+    """Put runs side by side; the first one is what the others are compared with.
+
+    Raises:
+        RunDirError: one of them is no run directory, or its result is damaged.
+    """
+    scores = [_score(run) for run in runs]
+    rows = [_row(run, score) for run, score in zip(runs, scores, strict=True)]
+    first = scores[0]
+    for row, score in list(zip(rows, scores, strict=True))[1:]:
+        if first is not None and score is not None:
+            row.win_difference = difference(score.wins, score.episodes, first.wins, first.episodes)
+            row.win_or_tie_difference = difference(
+                score.wins + score.ties, score.episodes, first.wins + first.ties, first.episodes
+            )
+    return Comparison(rows=rows, spreads=_spreads(rows), warnings=_warnings(rows))
+
+
+def difference(count: int, games: int, base_count: int, base_games: int) -> Difference:
+    """Difference of two shares of independent games."""
+    from statsmodels.stats.proportion import confint_proportions_2indep
+
+    low, high = confint_proportions_2indep(
+        count, games, base_count, base_games, compare="diff", method="newcomb", alpha=0.05
+    )
+    value = count / games - base_count / base_games
+    return Difference(value=value, low=float(low), high=float(high), within_noise=bool(low <= 0 <= high))
+
+
+def _score(run: RunDir) -> EvaluationResult | None:
+    evaluation = run.summary()["evaluation"]
+    try:
+        return EvaluationResult.model_validate(evaluation) if evaluation else None
+    except ValueError as error:
+        raise RunDirError(f"{run.result_path} is damaged: {' '.join(str(error).split())}") from error
+
+
+def _row(run: RunDir, score: EvaluationResult | None) -> Row:
+    config, summary = run.config(), run.summary()
+    facts: dict[str, Any] = {"victim": config.victim}
+    if score is not None:
+        facts = {
+            "victim": score.victim.name,
+            "episodes": score.episodes,
+            "action_modes": f"{score.adversary_actions}/{score.victim_actions}",
+            "win": score.win_rate,
+            "win_or_tie": score.win_or_tie_rate,
+        }
+    return Row(
+        run=str(run.path),
+        method=config.method,
+        env=config.env,
+        seed=config.seed,
+        steps=summary["steps"],
+        status=summary["status"],
+        **facts,
+    )
+
+
+def _spreads(rows: Sequence[Row]) -> list[Spread]:
+    groups: dict[tuple[str, str, str, int, str], list[tuple[int, float, float]]] = {}
+    for row in rows:
+        if row.win is not None and row.win_or_tie is not None:
+            key = (row.method, row.env, row.victim, row.steps, row.action_modes)
+            groups.setdefault(key, []).append((row.seed, row.win.value, row.win_or_tie.value))
+    spreads = []
+    for (method, env, victim, steps, _), members in groups.items():
+        seeds, wins, wins_or_ties = (list(column) for column in zip(*members, strict=True))
+        if len(set(seeds)) > 1:
+            spreads.append(
+                Spread(
+                    method=method,
+                    env=env,
+                    victim=victim,
+                    steps=steps,
+                    seeds=seeds,
+                    win_mean=statistics.mean(wins),
+                    win_sd=statistics.stdev(wins),
+                    win_or_tie_mean=statistics.mean(wins_or_ties),
+                    win_or_tie_sd=statistics.stdev(wins_or_ties),
+                )
+            )
+    return spreads
+
+
+def _warnings(rows: Sequence[Row]) -> list[str]:
+    scored = [row for row in rows if row.win is not None]
+    warnings = [f"{row.run} has no final evaluation ({row.status})" for row in rows if row.win is None]
+    for name in ("env", "victim", "action_modes", "steps"):
+        values = sorted({str(getattr(row, name)) for row in scored})
+        if len(values) > 1:
+            warnings.append(f"runs differ in {name.replace('_', ' ')}: {', '.join(values)}")
+    return warnings

@@ -1,0 +1,111 @@
+"""Flags shared by several verbs; their help is the config model's own text and defaults."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Group, Parameter
+
+from apil_core.config import RunConfig
+from apil_core.config_layers import preset_names
+
+if TYPE_CHECKING:
+    from apil_core.config_layers import Layer
+    from apil_core.plugins import PluginRegistry
+
+_SETTINGS = Group("What to train", sort_key=0)
+_SOURCES = Group("Where settings come from (defaults < presets < file < flags < --set)", sort_key=1)
+
+_REST = Group("Output", sort_key=3)
+
+Json = Annotated[
+    bool,
+    Parameter(
+        name="--json",
+        show_default=False,
+        group=_REST,
+        help="Print the result as JSON on stdout, and nothing else there.",
+    ),
+]
+Quiet = Annotated[bool, Parameter(show_default=False, group=_REST, help="No progress display.")]
+Plugins = Annotated[
+    list[Path],
+    Parameter(name="--plugin", show_default=False, help="One-file plugin to load; repeatable."),
+]
+
+
+def count(_: Any, tokens: Any) -> int:
+    """A whole number, also written 300k, 35M, 1e6 or 1_000_000."""
+    text = tokens[0].value
+    factor = {"k": 10**3, "m": 10**6}.get(text[-1:].lower(), 1)
+    value = float(text[:-1] if factor > 1 else text) * factor
+    if value != int(value):
+        raise ValueError(f"{text!r} is not a whole number")
+    return int(value)
+
+
+def setting(name: str, **options: Any) -> Parameter:
+    """A flag that sets one config key: its help is the key's description and true default."""
+    info = RunConfig.model_fields[name]
+    default = "" if info.default in (None, ()) else f" [default: {info.default}]"
+    return Parameter(help=f"{info.description}{default}", group=_SETTINGS, show_default=False, **options)
+
+
+def _source(text: str, **options: Any) -> Parameter:
+    return Parameter(help=text, group=_SOURCES, show_default=False, **options)
+
+
+@Parameter(name="*")
+@dataclass
+class ConfigFlags:
+    """Everything that makes up a run's configuration."""
+
+    method: Annotated[str | None, setting("method", alias="-m")] = None
+    env: Annotated[str | None, setting("env", alias="-e")] = None
+    victim: Annotated[str | None, setting("victim")] = None
+    steps: Annotated[int | None, setting("steps", converter=count)] = None
+    num_envs: Annotated[int | None, setting("num_envs")] = None
+    threads: Annotated[int | None, setting("threads")] = None
+    seed: Annotated[int | None, setting("seed")] = None
+    device: Annotated[str | None, setting("device")] = None
+    init_from: Annotated[Path | None, setting("init_from")] = None
+    preset: Annotated[
+        list[str],
+        _source(f"Ready-made settings: {', '.join(preset_names())}; repeatable.", metavar="NAME"),
+    ] = field(default_factory=list)
+    config: Annotated[Path | None, _source("YAML file, or a run directory to copy the settings of.")] = None
+    set: Annotated[
+        list[str],
+        _source("One setting, e.g. options.apil.prediction=oracle; repeatable.", metavar="KEY=VALUE"),
+    ] = field(default_factory=list)
+    plugin: Annotated[list[Path], _source("One-file plugin to load; repeatable.")] = field(
+        default_factory=list
+    )
+
+    def layers(self) -> list[Layer]:
+        """The configuration layers these flags stand for."""
+        from apil_core.config_io import gather, plugin_files
+
+        keys = ("method", "env", "victim", "steps", "num_envs", "threads", "seed", "device")
+        flags: dict[str, Any] = {key: getattr(self, key) for key in keys}
+        if self.init_from is not None:
+            flags["init_from"] = str(self.init_from.absolute())
+        if self.plugin:  # besides what files name, not instead of it
+            below = plugin_files(gather(self.config, self.preset, self.set))
+            flags["plugins"] = [*below, *(str(path.absolute()) for path in self.plugin)]
+        return gather(self.config, self.preset, self.set, flags)
+
+    def resolve(self) -> tuple[RunConfig, PluginRegistry]:
+        """The checked configuration, and the plugins it was checked against.
+
+        Raises:
+            ApilError: one line per mistake.
+        """
+        from apil_core.config_io import plugin_files, resolve_layers
+        from apil_core.plugins import discover
+
+        layers = self.layers()
+        plugins = discover(plugin_files(layers))
+        return resolve_layers(layers, plugins), plugins

@@ -1,0 +1,71 @@
+"""From exceptions to one line on stderr and an exit code."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import traceback
+from typing import TYPE_CHECKING
+
+from apil_core.errors import ApilError
+
+if TYPE_CHECKING:
+    from cyclopts import CycloptsError
+
+USAGE_ERROR = 2
+INTERNAL_ERROR = 1
+INTERRUPTED = 130
+
+
+def guarded(arguments: list[str]) -> int:
+    """Run the command line; returns the exit code and never raises."""
+    from cyclopts import CycloptsError
+
+    from apil_core.cli.app import make_app
+
+    try:
+        result = make_app()(arguments)
+        sys.stdout.flush()
+    except ApilError as error:
+        return complain(str(error), error.exit_code)
+    except CycloptsError as error:
+        return complain(f"{_one_line(str(error))} (see: {_help_of(error)})", USAGE_ERROR)
+    except KeyboardInterrupt:
+        return complain("interrupted", INTERRUPTED)
+    except BrokenPipeError:  # `apil … | head`: the reader has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:
+        return _report(error)
+    return result if isinstance(result, int) else 0
+
+
+def complain(message: str, code: int) -> int:
+    """Print ``apil: message`` on stderr, each of several mistakes on its own line."""
+    for line in message.splitlines() or ["unknown error"]:
+        print(f"apil: {line}", file=sys.stderr)
+    return code
+
+
+def _report(error: Exception) -> int:
+    if os.environ.get("APIL_DEBUG") == "1":
+        traceback.print_exception(error)
+        return INTERNAL_ERROR
+    summary = f"unexpected {type(error).__name__}: {_one_line(str(error))}"
+    try:
+        handle, path = tempfile.mkstemp(prefix="apil-traceback-", suffix=".txt")
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            traceback.print_exception(error, file=file)
+    except OSError:
+        return complain(f"{summary} (APIL_DEBUG=1 shows the traceback)", INTERNAL_ERROR)
+    return complain(f"{summary} (traceback: {path})", INTERNAL_ERROR)
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split()) or "no message"
+
+
+def _help_of(error: CycloptsError) -> str:
+    """The help of the innermost verb that was understood."""
+    return " ".join(["apil", *(error.command_chain or ()), "--help"])

@@ -1,0 +1,131 @@
+"""The live view of a training or an evaluation on a terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+from rich.text import Text
+
+from apil_core.cli import readout
+from apil_core.cli.output import console
+from apil_core.cli.progress import ConsoleProgress
+
+if TYPE_CHECKING:
+    from apil_core.config import RunConfig
+    from apil_core.evaluation import EvaluationResult
+
+_SPEED_WINDOW = 120.0
+"""Seconds the time left is estimated from: long enough to smooth over checkpoints and evaluations."""
+
+
+class LiveProgress(ConsoleProgress):
+    """A bar with the time left, and below it how the games go.
+
+    Args:
+        screen: rich console; default stderr.
+    """
+
+    def __init__(self, screen: Console | None = None):
+        self._console = screen or console(stderr=True)
+        self._bars = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=None),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=self._console,
+            expand=True,
+            speed_estimate_period=_SPEED_WINDOW,
+        )
+        self._live = Live(console=self._console, refresh_per_second=4, transient=False)
+        self._training: TaskID | None = None
+        self._evaluating: TaskID | None = None
+        self._endings = readout.Endings()
+        self._status: Table | None = None
+
+    def started(self, config: RunConfig, run_dir: Path, victim: str, steps_done: int) -> None:
+        """Headline and an empty bar."""
+        self._console.print(Text(self.headline(config, run_dir, victim, steps_done)))
+        self._training = self._bars.add_task("training", total=config.steps, completed=steps_done)
+        self._refresh()
+
+    def iteration(self, metrics: dict[str, float]) -> None:
+        """Move the bar, renew the numbers."""
+        self._endings.add(metrics)
+        self._status = status_table(metrics, self._endings)
+        if self._training is not None:
+            done = min(metrics["steps"], metrics["total_steps"])
+            self._bars.update(self._training, total=metrics["total_steps"], completed=int(done))
+        self._refresh()
+
+    def evaluation_progress(self, done: int, total: int) -> None:
+        """A second bar while an evaluation runs."""
+        if self._evaluating is None:
+            self._evaluating = self._bars.add_task("evaluation", total=total)
+        self._bars.update(self._evaluating, completed=done)
+        self._refresh()
+
+    def evaluation(self, result: EvaluationResult, steps: int) -> None:
+        """Keep the score as a line above the live part."""
+        self._drop_evaluation()
+        self.note(readout.score_line(result, steps))
+
+    def note(self, text: str) -> None:
+        """A line above the live part."""
+        self._console.print(Text(text))
+
+    def finished(self, run_dir: Path) -> None:
+        """Freeze the view."""
+        self.close()
+
+    def close(self) -> None:
+        """Stop the live part; the terminal is as before."""
+        self._drop_evaluation()
+        if self._live.is_started:
+            self._refresh()
+            self._live.stop()
+
+    def _drop_evaluation(self) -> None:
+        if self._evaluating is not None:
+            self._bars.remove_task(self._evaluating)
+            self._evaluating = None
+
+    def _refresh(self) -> None:
+        if not self._live.is_started:
+            self._live.start()
+        parts = [self._bars] if self._status is None else [self._bars, self._status]
+        self._live.update(Group(*parts))
+
+
+def status_table(metrics: dict[str, float], endings: readout.Endings) -> Table:
+    """The numbers below the bar, one row per question a watcher has."""
+    games = f"last {metrics.get('window_games', 0):,.0f} games"
+    shares = readout.outcomes(metrics)
+    rows = {
+        "speed": readout.speed(metrics),
+        games: "  ".join(f"{name} {text}" for name, text in shares.items()),
+        "returns": readout.returns(metrics),
+        "imitator": readout.imitator(metrics),
+        "endings": str(endings),
+    }
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(style="dim", no_wrap=True)
+    grid.add_column()
+    for name, text in rows.items():
+        if text:
+            grid.add_row(name, Text(text))
+    return grid

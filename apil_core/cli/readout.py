@@ -1,0 +1,102 @@
+"""Numbers of a running training as short texts; the live view and the plain lines share them."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from apil_core.evaluation import EvaluationResult, Rate
+
+_ENDINGS_KEPT = 50
+"""Iterations over which endings are summed up: one alone has only a few games."""
+
+
+def percent(rate: Rate) -> str:
+    """``31.2 % [28.4, 34.1]``."""
+    return f"{100 * rate.value:.1f} % [{100 * rate.low:.1f}, {100 * rate.high:.1f}]"
+
+
+def speed(metrics: Mapping[str, float]) -> str:
+    """Steps per second, and where an iteration's time goes."""
+    collect, update = metrics.get("collect_seconds", 0), metrics.get("update_seconds", 0)
+    return (
+        f"{metrics.get('steps_per_second', 0):,.0f} steps/s, "
+        f"per iteration {collect:.1f} s collecting, {update:.1f} s learning"
+    )
+
+
+def outcomes(metrics: Mapping[str, float]) -> dict[str, str]:
+    """Win, tie and loss shares of the last games with Wilson 95 % intervals; empty before any ended."""
+    from apil_core.evaluation import wilson
+
+    games = int(metrics.get("window_games", 0))
+    if not games:
+        return {}
+    keys = {"win": "window_wins", "tie": "window_ties", "loss": "window_losses"}
+    return {name: percent(wilson(int(metrics[key]), games)) for name, key in keys.items()}
+
+
+def returns(metrics: Mapping[str, float]) -> str:
+    """Mean returns of both sides and the mean length of the games that just ended."""
+    texts = {
+        "adversary": metrics.get("return/adversary"),
+        "victim": metrics.get("return/victim"),
+        "game length": metrics.get("episode_length"),
+    }
+    return ", ".join(f"{name} {value:.1f}" for name, value in texts.items() if value is not None)
+
+
+def imitator(metrics: Mapping[str, float]) -> str:
+    """How well the imitator knows the victim and the discriminator tells them apart; else empty."""
+    parts = []
+    on_victim = metrics.get("apil/discriminator_accuracy_victim")
+    on_imitator = metrics.get("apil/discriminator_accuracy_imitator")
+    if on_victim is not None and on_imitator is not None:
+        parts.append(f"discriminator right on victim {on_victim:.0%}, imitator {on_imitator:.0%}")
+    if "apil/log_likelihood" in metrics:
+        parts.append(
+            f"log-likelihood {metrics['apil/log_likelihood']:.2f}{_constant(metrics, 'log_likelihood')}"
+        )
+    if "apil/mse" in metrics:
+        parts.append(f"squared error {metrics['apil/mse']:.3f}{_constant(metrics, 'mse')}")
+    return ", ".join(parts)
+
+
+def _constant(metrics: Mapping[str, float], name: str) -> str:
+    """What the best constant prediction reaches: the imitator should do better."""
+    best = metrics.get(f"apil/constant_{name}")
+    return "" if best is None else f" (a constant {best:.2f})"
+
+
+class Endings:
+    """How games ended lately, most frequent first."""
+
+    def __init__(self) -> None:
+        self._counts: deque[Counter[str]] = deque(maxlen=_ENDINGS_KEPT)
+
+    def add(self, metrics: Mapping[str, float]) -> None:
+        """Take in one iteration's ``cause/<name>`` counts."""
+        causes = {k.removeprefix("cause/"): int(v) for k, v in metrics.items() if k.startswith("cause/")}
+        self._counts.append(Counter(causes))
+
+    def __str__(self) -> str:
+        total: Counter[str] = sum(self._counts, Counter())
+        games = sum(total.values())
+        return ", ".join(f"{name} {count / games:.0%}" for name, count in total.most_common() if count)
+
+
+def score_line(result: EvaluationResult, steps: int) -> str:
+    """One evaluation in one line."""
+    return (
+        f"evaluation after {steps:,} steps, {result.episodes} games: win {percent(result.win_rate)}, "
+        f"tie {percent(result.tie_rate)}, loss {percent(result.loss_rate)}"
+    )
+
+
+def duration(seconds: float) -> str:
+    """``3:05`` or ``2:03:05``."""
+    minutes, rest = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

@@ -1,0 +1,51 @@
+"""``apil resume``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from apil_core.cli.finish import exit_code, print_end
+from apil_core.cli.flags import Json, Quiet, count
+from apil_core.cli.output import print_json
+from apil_core.cli.progress import make_progress
+from apil_core.errors import RunDirError
+
+
+def resume(
+    directory: Annotated[Path, Parameter(name="DIR", help="Run directory.")],
+    /,
+    *,
+    steps: Annotated[
+        int | None, Parameter(converter=count, help="New total budget; also extends a finished run.")
+    ] = None,
+    checkpoint: Annotated[
+        Path | None, Parameter(help="Checkpoint to continue from [default: the newest].")
+    ] = None,
+    threads: Annotated[int | None, Parameter(help="Physics threads; never changes results.")] = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> int:
+    """Continue a run exactly where its last checkpoint left it, or extend a finished one."""
+    if not (directory / "config.yaml").is_file():
+        raise RunDirError(f"{directory} is no run directory (no config.yaml in it)")
+
+    from apil_core import runner
+
+    with make_progress(quiet=quiet) as progress:
+        result = runner.resume(
+            directory,
+            steps=steps,
+            checkpoint_path=checkpoint,
+            threads=threads,
+            progress=progress,
+            command=["apil", *sys.argv[1:]],
+        )
+    if as_json:
+        print_json(result)
+    else:
+        print_end(result)
+    return exit_code(result)

@@ -1,0 +1,102 @@
+"""``apil run``: one training, or one per seed."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Group, Parameter
+
+from apil_core.cli.finish import exit_code, print_end
+from apil_core.cli.flags import ConfigFlags, Json, Quiet
+from apil_core.cli.output import print_json
+from apil_core.cli.progress import make_progress
+from apil_core.errors import RunDirError
+
+if TYPE_CHECKING:
+    from apil_core.config import RunConfig
+    from apil_core.runner import RunResult
+
+_OUTPUT = Group("How often, where to", sort_key=2)
+
+
+def seed_list(_: Any, tokens: Any) -> list[int]:
+    """``0..4`` (both ends included), ``0,3,7``, or both."""
+    seeds: list[int] = []
+    for part in tokens[0].value.split(","):
+        first, dots, last = part.partition("..")
+        seeds += range(int(first), int(last) + 1) if dots else [int(first)]
+    if not seeds or len(set(seeds)) < len(seeds):
+        raise ValueError(f"{tokens[0].value!r} names no seed, or one twice")
+    return seeds
+
+
+def run(
+    *,
+    flags: ConfigFlags | None = None,
+    seeds: Annotated[
+        list[int] | None,
+        Parameter(
+            converter=seed_list,
+            n_tokens=1,
+            metavar="SEEDS",
+            group=_OUTPUT,
+            help="Several runs one after the other: 0..4 or 0,3,7.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        Parameter(
+            group=_OUTPUT,
+            help="Run directory [default: runs/ENV/METHOD/TIME-sSEED]; with --seeds, one below it each.",
+        ),
+    ] = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> int:
+    """Train an adversary against a frozen victim, then score it.
+
+    Ctrl-C writes a checkpoint; "apil resume" goes on from there, bit for bit.
+    """
+    config, plugins = (flags or ConfigFlags()).resolve()
+    jobs = _jobs(config, seeds, out)
+    for _, directory in jobs:
+        _refuse_existing(directory)
+
+    from apil_core import runner
+
+    results: list[RunResult] = []
+    for seeded, directory in jobs:
+        with make_progress(quiet=quiet) as progress:
+            result = runner.run(
+                seeded, out=directory, progress=progress, command=["apil", *sys.argv[1:]], plugins=plugins
+            )
+        results.append(result)
+        if not as_json:
+            print_end(result)
+        if result.status == "interrupted":
+            break
+    if as_json:
+        dumped = [result.model_dump(mode="json") for result in results]
+        print_json(dumped if seeds else dumped[0])
+    return exit_code(results[-1])
+
+
+def _jobs(
+    config: RunConfig, seeds: list[int] | None, out: Path | None
+) -> list[tuple[RunConfig, Path | None]]:
+    if seeds is None:
+        return [(config, out)]
+    return [(config.model_copy(update={"seed": s}), out / f"s{s}" if out else None) for s in seeds]
+
+
+def _refuse_existing(directory: Path | None) -> None:
+    """Before torch is imported: a mistyped --out should not cost seconds, nor the last of five seeds."""
+    if directory is None or not directory.exists():
+        return
+    if not directory.is_dir() or any(directory.iterdir()):
+        raise RunDirError(
+            f"--out {directory} exists and is not empty: nothing was changed; "
+            f"choose another, or continue it with: apil resume {directory}"
+        )

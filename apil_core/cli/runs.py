@@ -1,0 +1,126 @@
+"""``apil runs list | compare``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from apil_core.cli.app import sub_app
+from apil_core.cli.flags import Json
+from apil_core.cli.output import console, print_json, table
+from apil_core.cli.readout import percent
+from apil_core.errors import ConfigError, RunDirError
+
+if TYPE_CHECKING:
+    from apil_core.cli.comparison import Comparison, Difference
+    from apil_core.rundir import RunDir
+
+app = sub_app("runs", "List runs, compare their scores.")
+
+
+@app.command(name="list")
+def list_(
+    root: Annotated[Path, Parameter(name="ROOT", help="Directory to look below.")] = Path("runs"),
+    /,
+    *,
+    as_json: Json = False,
+) -> None:
+    """List runs: what was trained, how far it is, and its final score."""
+    from apil_core.rundir import list_runs
+
+    if root.exists() and not root.is_dir():
+        raise RunDirError(f"{root} is no directory")
+    found = [_entry(run) for run in list_runs(root)]
+    if as_json:
+        print_json(found)
+        return
+    rows = table("run", "method", "game", "seed>", "steps>", "status", "win>", "win or tie>")
+    for entry in found:
+        win, win_or_tie = (_share(entry["evaluation"], key) for key in ("win_rate", "win_or_tie_rate"))
+        numbers = (str(entry["seed"]), f"{entry['steps']:,}")
+        rows.add_row(entry["path"], entry["method"], entry["env"], *numbers, entry["status"], win, win_or_tie)
+    console().print(rows if found else f"no runs below {root}")
+
+
+@app.command
+def compare(
+    directories: Annotated[list[Path], Parameter(name="DIR", help="Run directories; the first is the base.")],
+    /,
+    *,
+    as_json: Json = False,
+) -> None:
+    """Compare final scores with the first run's; differences that chance explains are marked."""
+    from apil_core.cli.comparison import compare as side_by_side
+    from apil_core.rundir import RunDir
+
+    result = side_by_side([RunDir(directory) for directory in directories])
+    for warning in result.warnings:
+        print(f"apil: {warning}", file=sys.stderr)
+    if as_json:
+        print_json(result)
+    else:
+        _print(result)
+
+
+def _entry(run: RunDir) -> dict[str, Any]:
+    """One row of the listing; a run that cannot be read is listed with its error, not fatal."""
+    try:
+        config, summary = run.config(), run.summary()
+    except (ConfigError, RunDirError) as error:
+        return {
+            "path": str(run.path), "method": "?", "env": "?", "seed": 0, "steps": 0,
+            "status": str(error).splitlines()[0], "evaluation": None,
+        }  # fmt: skip
+    return {"method": config.method, "env": config.env, "seed": config.seed, **summary}
+
+
+def _share(evaluation: dict[str, Any] | None, key: str) -> str:
+    return f"{100 * evaluation[key]['value']:.1f} %" if evaluation else "–"
+
+
+def _print(result: Comparison) -> None:
+    rows = table(
+        "run", "method", "game", "seed>", "steps>", "games>",
+        "win>", "difference", "win or tie>", "difference",
+    )  # fmt: skip
+    for row in result.rows:
+        rows.add_row(
+            row.run,
+            row.method,
+            row.env,
+            str(row.seed),
+            f"{row.steps:,}",
+            str(row.episodes),
+            percent(row.win) if row.win else "–",
+            _difference(row.win_difference),
+            percent(row.win_or_tie) if row.win_or_tie else "–",
+            _difference(row.win_or_tie_difference),
+        )
+    out = console()
+    out.print(rows)
+    if result.spreads:
+        spreads = table(
+            "method", "game", "victim", "steps>", "seeds>", "win mean ± sd>", "win or tie mean ± sd>"
+        )
+        for spread in result.spreads:
+            spreads.add_row(
+                spread.method,
+                spread.env,
+                spread.victim,
+                f"{spread.steps:,}",
+                str(len(spread.seeds)),
+                f"{100 * spread.win_mean:.1f} ± {100 * spread.win_sd:.1f} %",
+                f"{100 * spread.win_or_tie_mean:.1f} ± {100 * spread.win_or_tie_sd:.1f} %",
+            )
+        out.print(spreads)
+
+
+def _difference(change: Difference | None) -> str:
+    if change is None:
+        return ""
+    interval = f"[{100 * change.low:+.1f}, {100 * change.high:+.1f}]"
+    noise = " within noise" if change.within_noise else ""
+    return f"{100 * change.value:+.1f} {interval}{noise}"

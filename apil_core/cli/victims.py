@@ -1,0 +1,93 @@
+"""``apil victims list | import | download``."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from apil_core.cli.app import sub_app
+from apil_core.cli.flags import Json, Plugins
+from apil_core.cli.output import console, print_json, table
+
+if TYPE_CHECKING:
+    from apil_core.specs import PolicyListing
+    from apil_core.victims.importer import ImportRow
+
+app = sub_app("victims", "List, import and download victim weights.")
+
+
+@app.command(name="list")
+def list_(*, plugin: Plugins | None = None, as_json: Json = False) -> None:
+    """List the victims there are, whether their weights are on this machine, and where they come from."""
+    rows = _listings(plugin or [])
+    if as_json:
+        print_json([asdict(row) for row in rows])
+        return
+    shown = table("victim", "here", "sha256", "provenance")
+    for row in rows:
+        here = "[green]yes[/]" if row.available else "no"
+        shown.add_row(row.name, here, row.sha256[:12], row.provenance)
+    out = console()
+    out.print(shown)
+    if not all(row.available for row in rows):
+        out.print("missing ones: apil victims import DIR, or: apil victims download")
+
+
+@app.command(name="import")
+def import_(
+    directory: Annotated[Path, Parameter(name="DIR", help="Upstream's agent-zoo folder.")],
+    /,
+    *,
+    as_json: Json = False,
+) -> None:
+    """Convert the zoo's published pickles, checked by SHA-256, to safetensors on this machine."""
+    from apil_core.victims.store import ZooImportError, import_zoo
+
+    try:
+        rows = import_zoo(directory)
+    except ZooImportError as error:
+        _report([row for row in error.rows if not row.error], as_json)
+        raise
+    _report(rows, as_json)
+
+
+@app.command
+def download(
+    *,
+    game: Annotated[
+        list[str] | None, Parameter(help="Only this game's agents; repeatable [default: all].")
+    ] = None,
+    base_url: Annotated[
+        str | None, Parameter(help="Mirror to fetch from [default: upstream at the pinned commit].")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Fetch the zoo's published weights, check their SHA-256 and convert them."""
+    from apil_core.victims.store import ZooImportError, download_zoo
+
+    try:
+        rows = download_zoo(game, base_url)
+    except ZooImportError as error:
+        _report([row for row in error.rows if not row.error], as_json)
+        raise
+    _report(rows, as_json)
+
+
+def _listings(plugin: list[Path]) -> list[PolicyListing]:
+    from apil_core.plugins import discover
+    from apil_core.specs import load
+
+    specs = discover(plugin).policies.values()
+    return [row for spec in specs if spec.lister for row in load(spec.lister)()]
+
+
+def _report(rows: list[ImportRow], as_json: bool) -> None:
+    if as_json:
+        print_json([asdict(row) for row in rows])
+        return
+    for row in rows:
+        console().print(f"{row.name}  sha256 {row.sha256[:12]}  from {row.source}", markup=False)
+    console().print(f"{len(rows)} victims imported" if rows else "nothing to do: all are here already")

@@ -1,0 +1,26 @@
+"""What the command-line tests share beside fixtures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+COIN = Path(__file__).with_name("coin_game.py")
+
+TINY = ("--env", "coin", "--plugin", str(COIN), "--num-envs", "8", "--steps", "256", "--threads", "1")
+"""Flags of a training of 256 steps."""
+
+SMALL = ("--set", "ppo.num_steps=16", "--set", "evaluation.episodes=20")
+
+
+@dataclass
+class Outcome:
+    """Exit code and output of one call."""
+
+    code: int
+    out: str
+    err: str
+
+
+Apil = Callable[..., Outcome]

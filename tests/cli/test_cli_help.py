@@ -1,0 +1,84 @@
+"""Help is quick, complete and true."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+
+import pytest
+
+from apil_core import __version__
+from apil_core.config import RunConfig
+from cli.cli_helpers import COIN, Apil
+
+FLAGS = """
+method env victim steps num-envs threads seed preset config set plugin out device quiet json seeds init-from
+"""
+
+LIGHT = """
+import sys
+from apil_core.cli import main
+try:
+    main({arguments!r})
+except SystemExit as end:
+    assert end.code in (0, 1), end.code
+print([name for name in ("torch", "mujoco", "statsmodels", "tensordict") if name in sys.modules])
+"""
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--help"],
+        ["--version"],
+        ["run", "--help"],
+        ["eval", "--help"],
+        ["config", "diff", "paper", "apil-code"],
+        ["config", "show", "--method", "e_apil", "--env", "coin", "--plugin", str(COIN)],
+        ["config", "schema"],
+        ["plugins"],
+        ["methods"],
+        ["games"],
+    ],
+    ids=" ".join,
+)
+def test_looking_around_imports_nothing_heavy(arguments: list[str]) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", LIGHT.format(arguments=arguments)], capture_output=True, text=True, check=False
+    )
+    assert done.stdout.splitlines()[-1:] == ["[]"], done.stdout[-300:] + done.stderr[-2000:]
+
+
+def test_help_answers_within_half_a_second() -> None:
+    def once() -> float:
+        begin = time.perf_counter()
+        subprocess.run([sys.executable, "-m", "apil_core.cli", "--help"], capture_output=True, check=True)
+        return time.perf_counter() - begin
+
+    assert min(once() for _ in range(3)) < 0.5
+
+
+def test_help_lists_every_verb(apil: Apil) -> None:
+    text = apil("--help").out
+    for verb in ("run", "resume", "eval", "runs", "config", "victims", "methods", "games", "plugins"):
+        assert f"│ {verb} " in text
+
+
+def test_run_help_shows_every_flag_with_the_codes_defaults(apil: Apil) -> None:
+    text = " ".join(apil("run", "--help").out.replace("│", " ").split())
+    for flag in FLAGS.split():
+        assert f"--{flag} " in text
+    for name in ("method", "env", "steps", "num_envs", "seed", "device"):
+        assert f"[default: {RunConfig.model_fields[name].default}]" in text
+
+
+@pytest.mark.parametrize("verb", ["resume", "eval", "runs", "runs compare", "victims import", "config diff"])
+def test_every_verb_has_help(apil: Apil, verb: str) -> None:
+    done = apil(*verb.split(), "--help")
+    assert done.code == 0
+    assert done.out.startswith(f"Usage: apil {verb}")
+
+
+def test_version(apil: Apil) -> None:
+    assert apil("--version").out.strip() == __version__

@@ -1,0 +1,77 @@
+"""The live view, on a recorded screen."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from apil_core.cli import readout
+from apil_core.cli.live import LiveProgress
+from apil_core.cli.plain import PlainProgress
+from apil_core.config import RunConfig
+
+METRICS = {
+    "iteration": 3, "steps": 300, "total_steps": 1000, "steps_per_second": 100.0, "collect_seconds": 0.5,
+    "update_seconds": 0.25, "window_games": 100, "window_wins": 30, "window_ties": 10, "window_losses": 60,
+    "return/adversary": -1.5, "return/victim": 2.5, "episode_length": 40.0,
+    "cause/goal": 3, "cause/time-up": 1,
+    "apil/discriminator_accuracy_victim": 0.8, "apil/discriminator_accuracy_imitator": 0.6,
+    "apil/log_likelihood": -3.25, "apil/mse": 0.125, "apil/constant_mse": 0.5,
+}  # fmt: skip
+
+EXPECTED = (
+    # Wilson by hand, 30 of 100, z = 1.96: centre (30 + 1.92) / (100 + 3.84) = .3074,
+    # half width 1.96 / 103.84 · √(100·.3·.7 + .96) = .0885
+    "win 30.0 % [21.9, 39.6]",
+    "discriminator right on victim 80%, imitator 60%",
+    "log-likelihood -3.25",
+    "squared error 0.125 (a constant 0.50)",
+    "adversary -1.5, victim 2.5, game length 40.0",
+    "goal 75%, time-up 25%",
+)
+
+
+def test_the_live_view_shows_the_games_and_the_imitator() -> None:
+    screen = Console(file=io.StringIO(), force_terminal=True, width=150, color_system=None)
+    with LiveProgress(screen) as progress:
+        progress.started(RunConfig(steps=1000), Path("runs/x"), "zoo:v", 200)
+        progress.iteration(METRICS)
+        progress.evaluation_progress(5, 20)
+        progress.note("a note")
+        progress._live.refresh()
+    text = screen.file.getvalue()  # type: ignore[attr-defined]
+    for part in (*EXPECTED, "300/1000", "5/20", "a note", "100 steps/s", "continued at 200 steps"):
+        assert part in text
+
+
+def test_a_view_that_never_started_closes_quietly() -> None:
+    stream = io.StringIO()
+    with LiveProgress(Console(file=stream, force_terminal=True)):
+        pass
+    assert stream.getvalue() == ""
+
+
+def test_plain_lines_come_now_and_then() -> None:
+    stream = io.StringIO()
+    progress = PlainProgress(stream, every=3600)
+    for iteration in (3, 4, 5):
+        progress.iteration({**METRICS, "iteration": iteration})
+    progress.iteration({**METRICS, "iteration": 10, "steps": 1000})
+    lines = stream.getvalue().splitlines()
+    assert [line.split(":")[0] for line in lines] == ["iteration 3", "iteration 10"]
+    for part in (*EXPECTED[:-1], "300 of 1,000 steps", "0:07 left"):
+        assert part in lines[0]
+
+
+def test_before_any_game_has_ended_there_are_no_shares() -> None:
+    assert readout.outcomes({"window_games": 0}) == {}
+    assert str(readout.Endings()) == ""
+    assert readout.imitator({}) == ""
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(5, "0:05"), (185, "3:05"), (7385, "2:03:05")])
+def test_durations(seconds: float, text: str) -> None:
+    assert readout.duration(seconds) == text

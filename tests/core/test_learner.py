@@ -1,0 +1,129 @@
+"""rsl_rl behind one file: a contract test for its moving API, its own runner on our env, PPO's settings."""
+
+from __future__ import annotations
+
+import copy
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from apil_core.build import build
+from apil_core.learner import Actor, Learner
+from apil_core.registry import default_plugins
+from core.small_runs import small_config
+
+
+def small_learner(**ppo):
+    torch.manual_seed(0)
+    config = small_config(ppo={"num_steps": 4, "epochs": 2, "minibatches": 2, **ppo}).ppo
+    example = TensorDict({"own": torch.randn(8, 3), "extra": torch.randn(8, 2)}, batch_size=[8])
+    actor = Actor({"own": 3, "extra": 2}, 2, config)
+    return Learner(actor, example, config, torch.device("cpu")), example
+
+
+def roll(learner, example, reward=None):
+    for t in range(learner.config.num_steps):
+        action = learner.act(example)
+        value = torch.randn(8) if reward is None else reward(action)
+        learner.record(example, value, torch.full((8,), t % 2 == 1))
+
+
+def test_settings_that_differ_from_rsl_rls_defaults():
+    learner, _ = small_learner(value_coefficient=0.5)
+    ppo = learner.ppo
+    assert ppo.schedule == "fixed"
+    assert ppo.use_clipped_value_loss
+    assert ppo.value_loss_coef == 0.25  # ½ · 0.5: rsl_rl's value loss has no ½
+    assert {group["eps"] for group in ppo.optimizer.param_groups} == {1e-5}
+    assert [type(layer).__name__ for layer in learner.actor.model.mlp] == ["Linear", "Tanh"] * 2 + ["Linear"]
+    assert learner.actor.model.obs_groups == ["own", "extra"]
+
+
+def test_our_distribution_is_rsl_rls():
+    learner, example = small_learner()
+    actions = learner.act(example)
+    ours = learner.actor(example)
+    torch.testing.assert_close(ours.log_prob(actions), learner.ppo.transition.actions_log_prob)
+    torch.testing.assert_close(ours.entropy(), learner.actor.model.output_entropy)
+    torch.testing.assert_close(ours.mean, learner.actor.model(example))
+    assert learner.actor.hidden(example).shape == (8, 64)
+
+
+def test_our_gae_is_rsl_rls():
+    learner, example = small_learner()
+    roll(learner, example)
+    ours = learner.advantages(example, {})["reward"].clone()
+    targets = learner.storage.returns.clone()
+    learner.ppo.compute_returns(example)
+    torch.testing.assert_close(targets, learner.storage.returns)
+    theirs = learner.storage.returns - learner.storage.values
+    torch.testing.assert_close(ours, theirs[..., 0])
+
+
+def test_an_update_raises_what_paid():
+    learner, example = small_learner(epochs=10, learning_rate=3e-3)
+    before = learner.actor(example).mean.detach().clone()
+    for _ in range(10):
+        roll(learner, example, reward=lambda action: action[:, 0])
+        advantages = learner.advantages(example, {})["reward"]
+        metrics = learner.update(advantages, as_given=False, learning_rate=3e-3)
+    after = learner.actor(example).mean.detach()
+    assert float((after - before)[:, 0].mean()) > 0.1
+    assert metrics["ppo/kl"] > 0
+    assert metrics["ppo/learning_rate"] == 3e-3
+
+
+def test_a_stream_has_its_own_critic_that_learns():
+    learner, example = small_learner(epochs=20, learning_rate=3e-3)
+    losses = []
+    for _ in range(20):
+        roll(learner, example)
+        streams = {"victim": torch.ones(4, 8)}
+        advantages = learner.advantages(example, streams)
+        assert advantages["victim"].shape == (4, 8)
+        metrics = learner.update(advantages["reward"], as_given=True, learning_rate=3e-3)
+        losses.append(metrics["ppo/value_victim"])
+    assert losses[-1] < 0.5 * losses[0]
+
+
+def test_state_round_trip():
+    learner, example = small_learner()
+    roll(learner, example)
+    learner.update(
+        learner.advantages(example, {"victim": torch.ones(4, 8)})["reward"],
+        as_given=False,
+        learning_rate=1e-3,
+    )
+    state = copy.deepcopy(learner.state_dict())
+    other, _ = small_learner()
+    other.load_state_dict(state)
+    for name in ("actor", "critic"):
+        a, b = getattr(learner.ppo, name), getattr(other.ppo, name)
+        assert all(torch.equal(x, y) for x, y in zip(a.parameters(), b.parameters(), strict=True))
+    assert other.critics.keys() == {"victim"}
+
+
+@pytest.mark.parametrize("method", ["adrl", "e_apil"])
+def test_rsl_rls_own_runner_plays_our_env(tmp_path, method):
+    from rsl_rl.runners import OnPolicyRunner
+
+    attack = build(small_config(method), default_plugins())
+    groups = list(attack.builder.sizes)
+    model = {"class_name": "rsl_rl.models:MLPModel", "hidden_dims": [16], "activation": "tanh"}
+    config = {
+        "num_steps_per_env": 8,
+        "save_interval": 100,
+        "logger": "tensorboard",
+        "obs_groups": {"actor": groups, "critic": groups},
+        "actor": {
+            **model,
+            "distribution_cfg": {"class_name": "rsl_rl.modules.distribution:GaussianDistribution"},
+        },
+        "critic": dict(model),
+        "algorithm": {"class_name": "rsl_rl.algorithms:PPO", "schedule": "fixed"},
+    }
+    runner = OnPolicyRunner(attack.env, config, log_dir=str(tmp_path), device="cpu")
+    runner.learn(3)
+    assert attack.env.steps == 3 * 8 * 32
+    assert attack.env.get_observations().batch_size == (32,)

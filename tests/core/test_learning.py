@@ -1,0 +1,41 @@
+"""Every method beats the toy victim significantly more often after training than before."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from statsmodels.stats.proportion import proportions_ztest
+
+from apil_core import evaluate, run
+from core.small_runs import small_config
+
+STEPS = {"adrl": 90_000, "apl": 90_000, "apil": 90_000, "e_apil": 130_000}
+EPISODES = 300
+
+
+def learning_config(method, steps):
+    return small_config(
+        method,
+        steps=steps,
+        num_envs=64,
+        ppo={"num_steps": 64, "epochs": 10, "minibatches": 4, "learning_rate": 1e-3},
+        checkpoint={"every_iterations": 1000},
+    )
+
+
+@pytest.mark.parametrize("method", STEPS)
+def test_training_raises_the_win_rate(tmp_path, method):
+    run(learning_config(method, 1), out=tmp_path / "before")
+    run(learning_config(method, STEPS[method]), out=tmp_path / "after")
+    before, after = (evaluate(tmp_path / name, episodes=EPISODES, seed=1) for name in ("before", "after"))
+    _, p = proportions_ztest([after.wins, before.wins], [EPISODES, EPISODES], alternative="larger")
+    assert p < 1e-6, f"{before.win_rate} → {after.win_rate}"
+    if method == "e_apil":
+        last = [json.loads(x) for x in (tmp_path / "after" / "metrics.jsonl").read_text().splitlines()][-5:]
+        for ours, constant, sign in (
+            ("mse", "constant_mse", -1),
+            ("log_likelihood", "constant_log_likelihood", 1),
+        ):
+            gains = [sign * (m[f"apil/{ours}"] - m[f"apil/{constant}"]) for m in last]
+            assert min(gains) > 0, f"{ours} is no better than the best constant: {gains}"
