@@ -45,7 +45,8 @@ _HOMES = {
         "RunConfig",
         "Section",
     ),
-    "apil_core.evaluation": ("EvaluationResult", "evaluate"),
+    "apil_core.evaluation": ("EvaluationResult",),
+    "apil_core.evaluator": ("evaluate",),
     "apil_core.runner": ("RunResult", "resume", "run"),
     "apil_core.registry": ("load_policy", "make_game"),
 }
@@ -80,7 +81,7 @@ if TYPE_CHECKING:
     from apil_core.errors import UnknownNameError as UnknownNameError
     from apil_core.errors import VictimError as VictimError
     from apil_core.evaluation import EvaluationResult as EvaluationResult
-    from apil_core.evaluation import evaluate as evaluate
+    from apil_core.evaluator import evaluate as evaluate
     from apil_core.game import NO_WINNER as NO_WINNER
     from apil_core.game import Game as Game
     from apil_core.game import GameLayout as GameLayout

@@ -10,7 +10,6 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Literal
 
-import torch
 from pydantic import BaseModel
 
 from apil_core import checkpoint
@@ -25,6 +24,7 @@ from apil_core.recorders import truncate_metrics
 from apil_core.registry import default_plugins
 from apil_core.rundir import RunDir
 from apil_core.specs import load
+from apil_core.torch_threads import one_torch_thread
 from apil_core.trainer import Trainer
 
 
@@ -157,7 +157,7 @@ class _Session:
         status: Literal["finished", "interrupted"] = "interrupted"
         evaluation = None
         try:
-            with hooks.attribution(), self._stop_on_signal(), _one_torch_thread():
+            with hooks.attribution(), self._stop_on_signal(), one_torch_thread():
                 hooks.hook.run_started(run=trainer)
                 while not trainer.finished and not self._stop:
                     self._iteration()
@@ -166,6 +166,8 @@ class _Session:
                     evaluation = self._final_evaluation()
                     hooks.hook.run_finished(run=trainer)
                     status = "finished"
+        except _Stopped:
+            pass  # in the final evaluation: the checkpoint is written already
         except RunDirError:
             raise
         except Exception as error:
@@ -181,7 +183,9 @@ class _Session:
         metrics = trainer.iterate()
         every = self.config.evaluation.every_steps
         if every and before // every < trainer.steps // every:
-            metrics.update(_evaluation_metrics(self._evaluate(self.config.evaluation.periodic_episodes)))
+            with suppress(_Stopped):
+                result = self._evaluate(self.config.evaluation.periodic_episodes)
+                metrics.update(_evaluation_metrics(result))
         for recorder in self.recorders:
             recorder.record(metrics)
         self.progress.iteration(metrics)
@@ -210,7 +214,7 @@ class _Session:
             )
 
     def _evaluate(self, episodes: int) -> EvaluationResult:
-        result = self.trainer.evaluate(episodes, self.progress)
+        result = self.trainer.evaluate(episodes, _StoppableProgress(self))
         self.progress.evaluation(result, self.trainer.steps)
         return result
 
@@ -264,6 +268,22 @@ class _Session:
                 signal.signal(number, old)
 
 
+class _Stopped(Exception):  # noqa: N818  (no error: the user asked for it)
+    """Ctrl-C during an evaluation."""
+
+
+class _StoppableProgress(Progress):
+    """Passes an evaluation's progress on, and breaks it off when the session is to stop."""
+
+    def __init__(self, session: _Session):
+        self._session = session
+
+    def evaluation_progress(self, done: int, total: int) -> None:
+        if self._session._stop:
+            raise _Stopped
+        self._session.progress.evaluation_progress(done, total)
+
+
 def _evaluation_metrics(result: EvaluationResult) -> dict[str, float]:
     rates: dict[str, Any] = {
         "win": result.win_rate,
@@ -277,14 +297,3 @@ def _evaluation_metrics(result: EvaluationResult) -> dict[str, float]:
         metrics[f"evaluation/{name}_low"] = rate.low
         metrics[f"evaluation/{name}_high"] = rate.high
     return metrics
-
-
-@contextmanager
-def _one_torch_thread() -> Iterator[None]:
-    """Torch on one thread: small networks gain little from more, and sums then never depend on --threads."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)

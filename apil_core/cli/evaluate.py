@@ -51,7 +51,7 @@ def evaluate(
 
     The same seed gives the same games at any number of threads.
     """
-    from apil_core.evaluation import evaluate as score
+    from apil_core.evaluator import evaluate as score
 
     with make_progress(quiet=quiet) as progress:
         result = score(

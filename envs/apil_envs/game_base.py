@@ -1,0 +1,199 @@
+"""What all MuJoCo games share: the loop around a rule book. A game is a subclass with four methods."""
+
+from __future__ import annotations
+
+import json
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from apil_core import NO_WINNER, ApilError, Game, GameLayout, GameStep, SideLayout
+from apil_envs.arrays import Array
+from apil_envs.observe import Block, Observer
+from apil_envs.physics import Physics
+from apil_envs.robot import Robot
+from apil_envs.scene import PhysicsOptions
+
+GOES_ON = -1
+"""Value of :attr:`Verdict.cause` while a game goes on."""
+
+DIVERGED = "diverged"
+"""Cause of a game that ended because its physics broke: a tie without rewards, last in every game's list."""
+
+
+@dataclass
+class Verdict:
+    """What the rules say about every game after a step.
+
+    Attributes:
+        cause: (n,) int8, index into the game's causes, or :data:`GOES_ON`.
+        winner: (n,) int8, 0, 1 or ``NO_WINNER``.
+        sparse: outcome reward per side, (2, n).
+    """
+
+    cause: Array
+    winner: Array
+    sparse: Array
+
+
+class MujocoGame(Game):
+    """Steps the physics, asks the rules, assembles observations, keeps the clock.
+
+    Subclasses set ``side_names`` and ``causes`` (ending with :data:`DIVERGED`) and implement
+    :meth:`observation_blocks`, :meth:`place`, :meth:`judge` and :meth:`move_rewards`; state of their
+    own goes through :meth:`rule_state`.
+
+    Attributes:
+        physics: the simulations.
+        robots: both sides' live views.
+        clock: steps played in each game, (n,) int32.
+    """
+
+    side_names: tuple[str, str]
+    causes: tuple[str, ...]
+
+    def __init__(self, model: mujoco.MjModel, num_envs: int, threads: int, options: PhysicsOptions):
+        self.num_envs = num_envs
+        self.physics = Physics(model, num_envs, threads, options.substeps)
+        self.robots = (Robot(self.physics, 0), Robot(self.physics, 1))
+        self.max_steps = options.max_steps
+        self.clock = np.zeros(num_envs, np.int32)
+        self._over = np.ones(num_envs, bool)
+        self._centre_before = np.zeros((2, num_envs, 3))
+        self._rng = np.random.default_rng(0)
+        self.observers = tuple(Observer(self.observation_blocks(side), num_envs) for side in (0, 1))
+        first, second = (self._side_layout(side) for side in (0, 1))
+        self.layout = GameLayout((first, second), options.max_steps, self.causes)
+
+    # --- what a game fills in
+
+    @abstractmethod
+    def observation_blocks(self, side: int) -> list[Block]:
+        """The blocks of a side's observation, in order. Called once, from the constructor."""
+
+    @abstractmethod
+    def place(self, rows: Array, rng: np.random.Generator) -> None:
+        """Start new games in ``rows`` (indices): write qpos and qvel, clear rule state of its own."""
+
+    @abstractmethod
+    def judge(self) -> Verdict:
+        """Apply the rules to the state after a step (``clock`` counts that step already)."""
+
+    @abstractmethod
+    def move_rewards(self, moved: Array, verdict: Verdict) -> tuple[Array, Array]:
+        """Dense and shaping rewards, each (2, n).
+
+        Args:
+            moved: way of both mass centres in this step, (2, n, 3), m.
+            verdict: what :meth:`judge` said.
+        """
+
+    def rule_state(self) -> dict[str, Array]:
+        """Live arrays of the game's own that a checkpoint must keep, each with n rows."""
+        return {}
+
+    # --- the contract of apil_core.Game
+
+    @property
+    def observations(self) -> tuple[Array, Array]:
+        """See :class:`apil_core.Game`."""
+        return self.observers[0].current, self.observers[1].current
+
+    def seed(self, seed: int) -> None:
+        """See :class:`apil_core.Game`."""
+        self._rng = np.random.default_rng(seed)
+
+    def reset(self, mask: Array | None = None) -> None:
+        """See :class:`apil_core.Game`."""
+        mask = np.ones(self.num_envs, bool) if mask is None else mask
+        rows = np.flatnonzero(mask)
+        if not rows.size:
+            return
+        self.physics.clear(mask)
+        self.place(rows, self._rng)
+        self.physics.forward(mask)
+        self.clock[rows] = 0
+        self._over[rows] = False
+        for side in (0, 1):
+            self._centre_before[side, rows] = self.robots[side].centre[rows]
+            self.observers[side].refresh(rows)
+
+    def step(self, actions: tuple[Array, Array], active: Array | None = None) -> GameStep:
+        """See :class:`apil_core.Game`.
+
+        Raises:
+            ApilError: no game was ever reset.
+        """
+        playing = ~self._over if active is None else ~self._over & active
+        if not playing.any() and not self.clock.any():
+            raise ApilError(f"{type(self).__name__}: call reset() before the first step()")
+        some = None if playing.all() else playing
+        for robot, action in zip(self.robots, actions, strict=True):
+            np.clip(action, *robot.bounds, out=robot.ctrl, casting="same_kind")
+        diverged = self.physics.step(some) & playing
+        self.clock[playing] += 1
+        step = self._score(playing, diverged)
+        self._over |= step.done
+        for observer in self.observers:
+            observer.advance(some)
+        return step
+
+    def state_dict(self) -> dict[str, Any]:
+        """See :class:`apil_core.Game`."""
+        return {
+            "physics": self.physics.state.copy(),
+            "clock": self.clock.copy(),
+            "over": self._over.copy(),
+            "centre_before": self._centre_before.copy(),
+            "observations": {str(side): self.observations[side].copy() for side in (0, 1)},
+            "rules": {name: array.copy() for name, array in self.rule_state().items()},
+            "random": json.dumps(self._rng.bit_generator.state),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """See :class:`apil_core.Game`."""
+        self.physics.state[...] = state["physics"]
+        self.clock[...] = state["clock"]
+        self._over[...] = state["over"]
+        self._centre_before[...] = state["centre_before"]
+        for side, observer in enumerate(self.observers):
+            observer.restore(state["observations"][str(side)])
+        for name, array in self.rule_state().items():
+            array[...] = state["rules"][name]
+        self._rng.bit_generator.state = json.loads(state["random"])
+
+    # --- details
+
+    def _score(self, playing: Array, diverged: Array) -> GameStep:
+        """Rewards and endings of this step; zero for games that did not play or diverged."""
+        centre = np.stack([robot.centre for robot in self.robots])
+        verdict = self.judge()
+        dense, shaping = self.move_rewards(centre - self._centre_before, verdict)
+        np.copyto(self._centre_before, centre, where=playing[:, None])
+        counts = playing & ~diverged
+        done = counts & (verdict.cause != GOES_ON) | diverged
+        cause = np.where(diverged, np.int8(len(self.causes) - 1), verdict.cause)
+        return GameStep(
+            sparse=np.where(counts, verdict.sparse, 0).astype(np.float32),
+            dense=np.where(counts, dense, 0).astype(np.float32),
+            shaping=np.where(counts, shaping, 0).astype(np.float32),
+            done=done,
+            winner=np.where(done & ~diverged, verdict.winner, np.int8(NO_WINNER)),
+            cause=np.where(done, cause, np.int8(GOES_ON)),
+            lengths=self.clock.copy(),
+        )
+
+    def _side_layout(self, side: int) -> SideLayout:
+        observer, robot = self.observers[side], self.robots[side]
+        return SideLayout(
+            name=self.side_names[side],
+            observation_size=observer.size,
+            action_size=robot.ctrl.shape[1],
+            action_low=robot.bounds[0],
+            action_high=robot.bounds[1],
+            blocks=observer.blocks,
+            opponent_channels=observer.opponent_channels,
+        )
