@@ -10,7 +10,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from apil_envs.inertia import InertiaRule, legacy_inertial
+from apil_envs.inertia import legacy_inertial
+from apil_envs.options import InertiaRule
 
 _GEOM_TYPES = {
     "plane": mujoco.mjtGeom.mjGEOM_PLANE,

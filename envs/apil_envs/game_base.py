@@ -13,9 +13,9 @@ import numpy as np
 from apil_core import NO_WINNER, ApilError, Game, GameLayout, GameStep, SideLayout
 from apil_envs.arrays import Array
 from apil_envs.observe import Block, Observer
+from apil_envs.options import PhysicsOptions
 from apil_envs.physics import Physics
 from apil_envs.robot import Robot
-from apil_envs.scene import PhysicsOptions
 
 GOES_ON = -1
 """Value of :attr:`Verdict.cause` while a game goes on."""

@@ -9,14 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from apil_core import ConfigError
 from apil_envs.arrays import Array
-
-InertiaRule = Literal["legacy", "modern"]
 
 
 @dataclass(frozen=True)

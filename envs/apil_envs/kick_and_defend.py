@@ -10,8 +10,9 @@ from apil_envs.arrays import Array
 from apil_envs.game_base import DIVERGED, GOES_ON, MujocoGame, Verdict
 from apil_envs.humanoid import humanoid_blocks
 from apil_envs.observe import Block, copied, distance_to, relative
+from apil_envs.options import KickAndDefendOptions
 from apil_envs.robot import Ball
-from apil_envs.scene import TOUCH, PhysicsOptions, build_scene
+from apil_envs.scene import TOUCH, build_scene
 
 KICKER, KEEPER = 0, 1
 GOAL_X, GOAL_Y = 4.0, 3.0
@@ -31,10 +32,6 @@ CAUSES = (
     DIVERGED,
 )
 GOAL, OUTSIDE, TURNED_BACK, BOTH_DOWN, TIME_UP, LEFT_GOAL = range(6)
-
-
-class KickAndDefendOptions(PhysicsOptions):
-    """Options of kick-and-defend."""
 
 
 def decide(

@@ -17,7 +17,7 @@ def register_games() -> list[GameSpec]:
             victim_side=0,
             default_victim="zoo:kick-and-defend/kicker/v1",
             baseline_adversary="zoo:kick-and-defend/defender/v1",
-            config="apil_envs.kick_and_defend:KickAndDefendOptions",
+            config="apil_envs.options:KickAndDefendOptions",
         ),
         GameSpec(
             name="toy-pursuit",

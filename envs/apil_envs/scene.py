@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import mujoco
-from pydantic import Field
 
-from apil_core import Section
 from apil_envs.bodies import add_body, add_geom, add_robot, description
-from apil_envs.inertia import InertiaRule
+from apil_envs.options import PhysicsOptions
 
 TOUCH = "touch"
 """Name of the contact sensor: (contacts found, smallest distance in m)."""
@@ -24,23 +22,6 @@ _INTEGRATORS = {
     "Euler": mujoco.mjtIntegrator.mjINT_EULER,
     "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
 }
-
-
-class PhysicsOptions(Section):
-    """How the physics is computed; the defaults are the physics the pretrained agents know."""
-
-    inertia: InertiaRule = "legacy"
-    """Capsules weighed as in MuJoCo 1.31 (legacy) or as today (modern)."""
-    solver: Literal["PGS", "Newton"] = "PGS"
-    """Constraint solver."""
-    integrator: Literal["RK4", "Euler", "implicitfast"] = "RK4"
-    """Time integrator; Euler with Newton is about four times as fast."""
-    timestep: Annotated[float, Field(gt=0)] = 0.003
-    """Seconds of one physics substep."""
-    substeps: Annotated[int, Field(gt=0)] = 5
-    """Physics substeps of one control step."""
-    max_steps: Annotated[int, Field(gt=0)] = 500
-    """Control steps after which a game's time is up."""
 
 
 def build_scene(name: str, options: PhysicsOptions, touch: tuple[str, str] | None = None) -> mujoco.MjModel:

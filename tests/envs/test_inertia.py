@@ -10,7 +10,8 @@ import pytest
 
 from apil_core import ConfigError
 from apil_envs.inertia import Inertial, capsule, combine, legacy_inertial, sphere
-from apil_envs.scene import PhysicsOptions, build_scene
+from apil_envs.options import PhysicsOptions
+from apil_envs.scene import build_scene
 
 from .zoo_reference import ReferenceLSTM, load_flat
 
