@@ -5,7 +5,7 @@ VENV ?= .venv
 ZOO ?= ../shared/zoo/agent-zoo
 STEPS ?= 100k
 BIN := $(VENV)/bin
-SOURCES := apil_core envs plugins tests benchmarks
+SOURCES := apil_core envs plugins tests benchmarks docs
 
 .PHONY: run test test-slow check format clean
 

@@ -56,13 +56,11 @@ class ObservationBuilder(nn.Module):
             widths = {name: self._width(name, value) for name, value in groups.items()}
             self.add_normalizers(widths, view.own.device)
         sizes = self.sizes
-        for name, value in groups.items():
-            wanted = (view.own.shape[0], sizes.get(name))
-            if not isinstance(value, Tensor) or value.shape != wanted or value.dtype != torch.float32:
-                got = f"{tuple(value.shape)} {value.dtype}" if isinstance(value, Tensor) else repr(value)
-                raise self._complaint(f"{name!r} must be {wanted} float32, got {got}")
-        if len(groups) != len(sizes):
+        if list(groups) != list(sizes):
             raise self._complaint(f"groups changed from {list(sizes)} to {list(groups)}")
+        for name, value in groups.items():
+            if name != OWN_GROUP:
+                self._hooks.checked("extend_observation", name, value, (len(view.own), sizes[name]))
         return groups
 
     def add_normalizers(self, sizes: dict[str, int], device: torch.device) -> None:

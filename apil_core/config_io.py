@@ -99,6 +99,16 @@ def resolve_layers(layers: Sequence[Layer], plugins: PluginRegistry) -> RunConfi
     return _complete(validated, plugins.games[validated.env])
 
 
+def complete(config: RunConfig, plugins: PluginRegistry) -> RunConfig:
+    """A configuration made in Python, checked and filled in like one from files.
+
+    Raises:
+        ConfigError: one line per mistake.
+    """
+    data = config.model_dump(mode="json")
+    return resolve_layers([Layer(data, {(key,): "RunConfig" for key in data})], plugins)
+
+
 def load_resolved(path: Path) -> RunConfig:
     """A config stored with a run, as it was; plugins' options are not checked again.
 

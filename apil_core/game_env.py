@@ -165,10 +165,8 @@ class AttackEnv:
             context = self.contexts["adversary" if side == self.side else "victim"]
             filtered = self.hooks.hook.filter_observation(context=context, side=side, obs=observation)
             if filtered is not None:
-                if filtered.shape != observation.shape:
-                    got, want = tuple(filtered.shape), tuple(observation.shape)
-                    raise self.hooks.complaint("filter_observation", f"must keep the shape {want}, got {got}")
-                return filtered
+                shape = tuple(observation.shape)
+                return self.hooks.checked("filter_observation", "", filtered, shape)
         return observation
 
     def _step_batch(self, pending: Pending, actions: Tensor, result: GameStep) -> StepBatch:
@@ -208,16 +206,9 @@ class AttackEnv:
             terms = self.hooks.merged(answers, "shape_reward")
         total = step.reward
         for name, value in terms.items():
-            if not isinstance(value, Tensor) or value.shape != total.shape:
-                got = tuple(value.shape) if isinstance(value, Tensor) else repr(value)
-                text = f"{name!r} must have shape {tuple(total.shape)}, got {got}"
-                raise self.hooks.complaint("shape_reward", text)
-            total = total + value
+            total = total + self.hooks.checked("shape_reward", name, value, tuple(total.shape))
         if not torch.isfinite(total).all():
-            bad = [name for name, value in terms.items() if not torch.isfinite(value).all()]
-            if not bad:
-                raise PluginError(f"game {self.config.env!r} gives NaN or infinite rewards")
-            raise self.hooks.complaint("shape_reward", f"{', '.join(bad)}: NaN or infinite reward")
+            raise PluginError(f"game {self.config.env!r} gives NaN or infinite rewards")
         self.stats.add(step, {"adversary": step.reward, "victim": step.victim_reward, **terms})
         if not self.config.reward.normalize:
             return total

@@ -59,7 +59,9 @@ class Filter:
             return observation
         context = self._contexts[side]
         filtered = self._hooks.hook.filter_observation(context=context, side=side, obs=observation)
-        return observation if filtered is None else filtered
+        if filtered is None:
+            return observation
+        return self._hooks.checked("filter_observation", "", filtered, tuple(observation.shape))
 
 
 @torch.inference_mode()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pluggy
 
@@ -13,6 +13,9 @@ from apil_core.errors import ApilError, PluginError
 from apil_core.hooks import PROJECT
 from apil_core.hookspecs import ProcessHooks, RunHooks
 from apil_core.specs import MethodSpec, load
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 
 class RunHookManager:
@@ -69,6 +72,26 @@ class RunHookManager:
         """An error about what ``hook`` returned, with the names of those who fill it."""
         fillers = [impl.plugin_name for impl in getattr(self.manager.hook, hook).get_hookimpls()]
         return PluginError(f"{hook} (filled by {', '.join(fillers)}): {text}")
+
+    def checked(
+        self, hook: str, name: str, value: Any, shape: tuple[int, ...], *, finite: bool = True
+    ) -> Tensor:
+        """``value`` if it is a float32 tensor of that shape without NaN or infinities.
+
+        Raises:
+            PluginError: it is not; the message names who fills ``hook``.
+        """
+        import torch
+
+        label = f"{name!r} must be" if name else "must return"
+        if not isinstance(value, torch.Tensor):
+            raise self.complaint(hook, f"{label} a tensor {shape} float32, got {value!r}")
+        if value.shape != shape or value.dtype != torch.float32:
+            got = f"{tuple(value.shape)} {str(value.dtype).removeprefix('torch.')}"
+            raise self.complaint(hook, f"{label} {shape} float32, got {got}")
+        if not torch.isfinite(value).all():
+            raise self.complaint(hook, f"{label} finite, got NaN or infinite values")
+        return value
 
     def only(self, plugin: Any) -> Any:
         """A caller namespace that asks ``plugin`` alone."""

@@ -15,6 +15,7 @@ from pydantic import BaseModel
 from apil_core import checkpoint
 from apil_core.build import build, victim_name
 from apil_core.config import RunConfig
+from apil_core.config_io import complete
 from apil_core.errors import ApilError, ConfigError, RunDirError, UnknownNameError
 from apil_core.evaluation import EvaluationResult
 from apil_core.files import sha256
@@ -59,6 +60,7 @@ def run(
         ApilError: anything wrong in config, plugins, weights or directory, before training starts.
     """
     registry = plugins or _plugins(config)
+    config = complete(config, registry)
     trainer = _trainer(config, registry)
     if config.init_from is not None:
         _initialise(trainer, config.init_from)

@@ -6,9 +6,11 @@ import time
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from apil_core.adversary import AdversaryPolicy
 from apil_core.build import Attack, load_victim, victim_name
+from apil_core.errors import PluginError
 from apil_core.evaluation import MAX_PARALLEL_GAMES, EvaluationResult, score
 from apil_core.learner import MAIN_STREAM
 from apil_core.plugins import PluginRegistry
@@ -89,22 +91,42 @@ class Trainer:
 
     def _learn(self, rollout: Rollout) -> dict[str, float]:
         hooks, learner = self.attack.hooks, self.attack.learner
-        answers = hooks.hook.finish_rollout(run=self, rollout=rollout)
-        streams = hooks.merged(answers, "finish_rollout")
+        streams = self._streams(rollout)
         advantages = learner.advantages(self.attack.env.get_observations(), streams)
         mixed = hooks.hook.combine_advantages(run=self, rollout=rollout, streams=advantages)
+        if mixed is not None:
+            hooks.checked("combine_advantages", "", mixed, tuple(rollout.done.shape))
         rollout.advantages = advantages[MAIN_STREAM] if mixed is None else mixed
         metrics: dict[str, float] = {}
         for name, plugin in hooks.plugins.items():
             update = hooks.only(plugin).update_auxiliary(run=self, rollout=rollout)
             merged = hooks.merged(update, "update_auxiliary")
-            metrics.update({f"{name}/{key}": float(value) for key, value in merged.items()})
+            for key, value in merged.items():
+                if not isinstance(value, (int, float)):
+                    raise PluginError(
+                        f"plugin {name!r}: update_auxiliary: {key!r} must be a number, got {value!r}"
+                    )
+                metrics[f"{name}/{key}"] = float(value)
         metrics.update(
             learner.update(
                 rollout.advantages, as_given=mixed is not None, learning_rate=self._learning_rate()
             )
         )
         return metrics
+
+    def _streams(self, rollout: Rollout) -> dict[str, Tensor]:
+        """Further reward streams, checked: a stream left out once would train its critic on old targets."""
+        hooks, critics = self.attack.hooks, self.attack.learner.critics
+        answers = hooks.hook.finish_rollout(run=self, rollout=rollout)
+        streams = hooks.merged(answers, "finish_rollout")
+        if MAIN_STREAM in streams:
+            raise hooks.complaint("finish_rollout", f"the name {MAIN_STREAM!r} is taken; choose another")
+        if critics and streams.keys() != critics.keys():
+            text = f"streams changed from {sorted(critics)} to {sorted(streams)}"
+            raise hooks.complaint("finish_rollout", text)
+        for name, value in streams.items():
+            hooks.checked("finish_rollout", name, value, tuple(rollout.done.shape))
+        return streams
 
     def _learning_rate(self) -> float:
         ppo = self.config.ppo

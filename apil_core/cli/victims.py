@@ -49,7 +49,9 @@ def import_(
     try:
         rows = import_zoo(directory)
     except ZooImportError as error:
-        _report([row for row in error.rows if not row.error], as_json)
+        good = [row for row in error.rows if not row.error]
+        if good:
+            _report(good, as_json)
         raise
     _report(rows, as_json)
 
@@ -71,7 +73,9 @@ def download(
     try:
         rows = download_zoo(game, base_url)
     except ZooImportError as error:
-        _report([row for row in error.rows if not row.error], as_json)
+        good = [row for row in error.rows if not row.error]
+        if good:
+            _report(good, as_json)
         raise
     _report(rows, as_json)
 

@@ -19,6 +19,7 @@ from apil_core import (
     Method,
     MethodSetup,
     ObservationNormalizer,
+    PluginError,
     Policy,
     PolicyInfo,
     Rollout,
@@ -110,6 +111,9 @@ class Apil(Method):
         )
         logits = old_logits if self.options.reward_time == "collected" else self._logits(scored, actions)
         rewards = run.hook.imitation_reward(run=run, rollout=played, logits=logits)
+        if rewards.shape != logits.shape:
+            got, want = tuple(rewards.shape), tuple(logits.shape)
+            raise PluginError(f"imitation_reward must return shape {want}, got {got}")
         metrics["imitation_reward"] = float(rewards.mean())
         following = self.normalizer(self._state(played.next_victim_observation, played.next_observation))
         experience = Experience(played_states, following, actions, rewards, played.done)

@@ -1,0 +1,83 @@
+"""Every hook has its section, its arguments explained, an example and somebody who fills it."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import textwrap
+from functools import cache
+from types import FunctionType
+
+import pytest
+
+import apil_apil.hookspecs
+from apil_core.hookspecs import ProcessHooks, RunHooks
+from docs.pages import HOOKS, ROOT, blocks, pages, sections
+
+GENERAL = {"Hooks of your own"}
+"""Sections of the reference that are about no hook."""
+
+
+def hooks() -> dict[str, FunctionType]:
+    places = (ProcessHooks, RunHooks, apil_apil.hookspecs)
+    return {
+        name: value
+        for place in places
+        for name, value in vars(place).items()
+        if isinstance(value, FunctionType) and hasattr(value, "apil_spec")
+    }
+
+
+def arguments(function: FunctionType) -> list[str]:
+    return [name for name in inspect.signature(function).parameters if name != "self"]
+
+
+@cache
+def filled() -> set[str]:
+    """Names of functions marked as hook implementations, in our sources, tests and tested examples."""
+    folders = ("apil_core", "envs", "plugins", "tests")
+    sources = [path.read_text("utf-8") for folder in folders for path in (ROOT / folder).rglob("*.py")]
+    shown = [block.text for page in pages() for kind in ("plugin", "method") for block in blocks(page, kind)]
+    functions = [
+        node
+        for source in [*sources, *shown]
+        for node in ast.walk(ast.parse(textwrap.dedent(source)))
+        if isinstance(node, ast.FunctionDef)
+    ]
+    return {f.name for f in functions if any("hookimpl" in ast.dump(mark) for mark in f.decorator_list)}
+
+
+def test_there_are_hooks() -> None:
+    assert {"register_methods", "shape_reward", "imitation_reward"} <= hooks().keys()
+
+
+@pytest.mark.parametrize("name", hooks())
+def test_a_hook_has_its_section(name: str) -> None:
+    assert f"\n## `{name}`\n" in HOOKS.read_text("utf-8")
+
+
+@pytest.mark.parametrize("name", hooks())
+def test_its_section_names_every_argument_and_has_an_example(name: str) -> None:
+    text = sections(HOOKS)[name]
+    for argument in arguments(hooks()[name]):
+        assert f"`{argument}`" in text, f"{name}: {argument} is not explained"
+    assert "```python" in text, f"{name}: no example"
+    assert "Used by: " in text
+    assert ("*firstresult*" in text) == bool(hooks()[name].apil_spec["firstresult"])
+
+
+@pytest.mark.parametrize("name", hooks())
+def test_somebody_fills_it(name: str) -> None:
+    assert name in filled()
+
+
+def test_no_section_is_about_a_hook_that_is_gone() -> None:
+    assert set(sections(HOOKS)) - GENERAL == set(hooks())
+
+
+@pytest.mark.parametrize("block", [b for b in blocks(HOOKS) if b.language == "python"], ids=str)
+def test_examples_take_arguments_the_hook_has(block: object) -> None:
+    for node in ast.walk(ast.parse(block.text)):  # type: ignore[attr-defined]
+        if isinstance(node, ast.FunctionDef) and node.name in hooks():
+            taken = {argument.arg for argument in node.args.args} - {"self"}
+            assert taken <= set(arguments(hooks()[node.name])), f"{block}: {node.name}"

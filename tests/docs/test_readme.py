@@ -1,0 +1,207 @@
+"""What the documents say is so: code runs, commands and flags exist, links lead somewhere."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from apil_core.cli.app import make_app
+from docs.conftest import Apil
+from docs.pages import HOOKS, README, ROOT, Block, anchors, blocks, commands, links, pages, prose, spans
+
+TOY = ("--env", "toy-pursuit")
+TINY = (
+    *("--steps", "1k", "--num-envs", "16", "--threads", "1", "--quiet"),
+    *("--set", "ppo.num_steps=16", "--set", "evaluation.episodes=4"),
+)
+
+GROUPS = (("runs",), ("config",), ("victims",))
+
+METHOD = """\
+from apil_core import Method, MethodSpec, hookimpl
+
+
+class Example(Method):
+{body}
+
+@hookimpl
+def register_methods():
+    return [MethodSpec("example", f"{{__name__}}:Example", requires={requires!r})]
+"""
+
+
+def marked(kind: str) -> list[Block]:
+    return [block for page in pages() for block in blocks(page, kind)]
+
+
+def by_page(kind: str) -> list[Path]:
+    return sorted({block.page for block in marked(kind)})
+
+
+def name_of(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+# --- code
+
+
+def test_the_readme_and_the_hook_reference_have_examples_to_run() -> None:
+    assert blocks(README, "plugin")
+    assert blocks(README, "python")
+    assert blocks(HOOKS, "plugin")
+    assert blocks(HOOKS, "method")
+
+
+@pytest.mark.parametrize("block", marked("plugin"), ids=str)
+def test_plugins_shown_in_the_documents_run(apil: Apil, tmp_path: Path, block: Block) -> None:
+    first = block.text.split("\n")[0]
+    file = tmp_path / first.removeprefix("# ").split(":")[0].strip()
+    assert file.suffix == ".py", f"{block}: the first line must be a comment with the file's name"
+    file.write_text(block.text)
+    game = () if "--env" in block.arguments else TOY
+    done = apil("run", *TINY, *game, "--plugin", file, *block.arguments, "--out", "out")
+    assert done.code == 0, done.err
+    assert apil("eval", "out", "--episodes", "2", "--quiet").code == 0
+
+
+def test_the_readmes_plugin_does_what_the_readme_says(apil: Apil, tmp_path: Path) -> None:
+    (block,) = blocks(README, "plugin")
+    (tmp_path / "restless.py").write_text(block.text)
+    flags = ("--plugin", "restless.py", "--method", "restless", "--set", "options.restless.weight=0.1")
+    assert apil("run", *TINY, *TOY, *flags, "--out", "out").code == 0
+    metrics = (tmp_path / "out" / "metrics.jsonl").read_text()
+    assert '"reward/restless_victim"' in metrics
+    assert '"reward/minus_victim"' in metrics
+    assert apil("resume", "out", "--steps", "2k", "--quiet").code == 0
+
+
+def test_the_diary_saw_the_whole_run(apil: Apil, tmp_path: Path) -> None:
+    (block,) = (block for block in blocks(HOOKS, "plugin") if "diary" in block.text)
+    (tmp_path / "diary.py").write_text(block.text)
+    assert apil("run", *TINY, *TOY, "--plugin", "diary.py", *block.arguments, "--out", "out").code == 0
+    notes = (tmp_path / "diary.txt").read_text().splitlines()
+    assert [note.split()[0] for note in notes] == ["started", *["iteration"] * 4, "won", "finished"]
+
+
+@pytest.mark.parametrize("block", marked("method"), ids=str)
+def test_hooks_shown_without_their_class_run(apil: Apil, tmp_path: Path, block: Block) -> None:
+    body = "".join(f"    {line}\n" if line else "\n" for line in block.text.splitlines())
+    (tmp_path / "example.py").write_text(METHOD.format(body=body, requires=block.arguments))
+    done = apil("run", *TINY, *TOY, "--plugin", "example.py", "--method", "example", "--out", "out")
+    assert done.code == 0, done.err
+
+
+@pytest.mark.parametrize("block", marked("python"), ids=str)
+def test_python_shown_in_the_documents_runs(tmp_path: Path, block: Block) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", block.text], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
+@pytest.mark.parametrize("page", by_page("console"), ids=name_of)
+def test_what_commands_print_is_what_the_documents_show(apil: Apil, tmp_path: Path, page: Path) -> None:
+    for block in blocks(page, "file"):
+        (tmp_path / block.arguments[0]).write_text(block.text)
+    for block in blocks(page, "console"):
+        for shown in block.text.removeprefix("$ ").split("\n$ "):
+            command, _, expected = shown.partition("\n")
+            done = apil(*shlex.split(command)[1:])
+            assert _tidy(done.out + done.err) == _tidy(expected), f"{block}: {command}"
+
+
+def _tidy(text: str) -> list[str]:
+    return [line.rstrip() for line in text.splitlines() if line.strip()]
+
+
+# --- commands and flags
+
+
+@pytest.mark.parametrize("page", pages(), ids=name_of)
+def test_every_command_exists_and_has_the_flags_shown(apil: Apil, page: Path) -> None:
+    app = make_app()
+    helps: dict[tuple[str, ...], str] = {}
+    for words in commands(page):
+        if words[0].startswith("-"):
+            continue
+        chain, _, rest = app.parse_commands(words)
+        misses_sub_verb = chain[:1] in GROUPS and len(chain) == 1 and rest
+        exists = chain and not misses_sub_verb
+        assert exists, f"apil {' '.join(words)}: there is no such verb"
+        for flag in (word.split("=")[0] for word in rest if word.startswith("--")):
+            key = tuple(chain)
+            helps[key] = helps.get(key) or apil(*chain, "--help").out
+            assert f"{flag} " in helps[key], f"apil {' '.join(words)}: no flag {flag}"
+
+
+def test_the_readme_names_every_verb(apil: Apil) -> None:
+    named = {words[0] for words in commands(README)}
+    for verb in ("run", "resume", "eval", "runs", "config", "victims", "methods", "games", "plugins"):
+        assert verb in named
+
+
+@pytest.mark.parametrize("page", pages(), ids=name_of)
+def test_flags_named_alone_belong_to_some_verb(apil: Apil, page: Path) -> None:
+    verbs = ("run", "resume", "eval", "config schema", "config show", "victims list", "victims download")
+    text = apil("--help").out + "".join(apil(*verb.split(), "--help").out for verb in verbs)
+    for span in spans(page):
+        if span.startswith("--"):
+            assert f"{span.split()[0].split('=')[0]} " in text, f"{span}: no verb has this flag"
+
+
+@pytest.mark.parametrize("page", pages(), ids=name_of)
+def test_make_targets_named_in_the_documents_exist(page: Path) -> None:
+    makefile = (ROOT / "Makefile").read_text()
+    shell = [line for b in blocks(page) if b.language == "sh" for line in b.text.splitlines()]
+    for code in [*shell, *spans(page)]:
+        words = code.split()
+        if words[:1] == ["make"] and len(words) > 1:
+            assert f"\n{words[1]}:" in makefile, f"make {words[1]}: no such target"
+
+
+# --- links
+
+
+@pytest.mark.parametrize("page", pages(), ids=name_of)
+def test_relative_links_lead_somewhere(page: Path) -> None:
+    for target in links(page):
+        if target.startswith(("http://", "https://")):
+            continue
+        path, _, anchor = target.partition("#")
+        file = Path(os.path.normpath(page.parent / path)) if path else page
+        assert file.exists(), f"{target}: no such file"
+        assert not anchor or anchor in anchors(file), f"{target}: no such heading"
+
+
+def test_every_page_of_docs_is_linked_from_the_readme() -> None:
+    for page in (ROOT / "docs").rglob("*.md"):
+        assert str(page.relative_to(ROOT)) in prose(README), page
+
+
+def test_every_method_has_its_page() -> None:
+    from apil_core.plugins import discover
+
+    for name in discover().methods:
+        assert f"plugins/{name}/README.md" in prose(README)
+
+
+@pytest.mark.parametrize("name", ["apl", "apil", "e_apil"])
+def test_every_option_of_a_method_stands_on_its_page(name: str) -> None:
+    from apil_core.config_io import flatten
+    from apil_core.plugins import discover
+    from apil_core.specs import load
+
+    page = ROOT / "plugins" / name / "README.md"
+    defaults = flatten(load(str(discover().methods[name].config))().model_dump(mode="json"))
+    rows = [line for line in prose(page).splitlines() if line.startswith("|")]
+    for key, default in defaults.items():
+        assert any(f"`{key}`" in row and _shown(default) in row for row in rows), f"{key} = {_shown(default)}"
+
+
+def _shown(value: object) -> str:
+    return f"`{str(value).lower() if isinstance(value, bool) else value}`"
