@@ -13,10 +13,7 @@ from apil_core.learner import Actor
 from apil_core.normalize import ObservationNormalizer
 from apil_core.policy import Policy, PolicyInfo
 from apil_core.run_hooks import RunHookManager
-from apil_core.types import Context, Decision, View
-
-OWN_GROUP = "own"
-"""Name of the adversary's own observation among the groups."""
+from apil_core.types import OWN_GROUP, Context, Decision, View
 
 
 class ObservationBuilder(nn.Module):

@@ -20,6 +20,7 @@ from apil_core.policy import Policy, PolicyInfo
 from apil_core.registry import build_methods, game_spec, load_policy, make_game
 from apil_core.rewards import resolve_weights
 from apil_core.run_hooks import RunHookManager
+from apil_core.seeds import stream_generator, stream_seed
 from apil_core.types import Context
 
 
@@ -107,11 +108,7 @@ def build_hooks(
 
 def generators(seed: int, device: torch.device) -> dict[str, torch.Generator]:
     """Independent streams for the victim's actions and the methods' draws."""
-    result = {}
-    for offset, name in enumerate(("victim", "method")):
-        result[name] = torch.Generator(device=device)
-        result[name].manual_seed(seed * 2 + offset + 1_000_003)
-    return result
+    return {name: stream_generator(seed, f"training {name}", device) for name in ("victim", "method")}
 
 
 def build(config: RunConfig, plugins: PluginRegistry) -> Attack:
@@ -130,7 +127,7 @@ def build(config: RunConfig, plugins: PluginRegistry) -> Attack:
         options=config.game,
         plugins=plugins,
     )
-    game.seed(config.seed)
+    game.seed(stream_seed(config.seed, "training games"))
     attacked = victim_side(config, plugins)
     victim = load_victim(victim_name(config, plugins), game, attacked, config.device, plugins)
     setup = method_setup(config, game, 1 - attacked, device)
@@ -166,6 +163,12 @@ def method_setup(config: RunConfig, game: Game, adversary_side: int, device: tor
     )
 
 
+def evaluation_context(side: int, seed: int, device: torch.device) -> Context:
+    """For whom a trained adversary's observations are made when it is scored."""
+    generator = stream_generator(seed, "evaluation hooks", device)
+    return Context(side=side, role="adversary", mode="eval", device=device, generator=generator)
+
+
 def adversary_policy(
     state: Mapping[str, Any],
     info: PolicyInfo,
@@ -192,7 +195,5 @@ def adversary_policy(
     builder.load_state_dict(state["builder"])
     actor = Actor(sizes, game.layout.sides[side].action_size, config.ppo).to(device)
     actor.model.load_state_dict(state["learner"]["ppo"]["actor_state_dict"])
-    generator = torch.Generator(device=device)
-    generator.manual_seed(seed)
-    context = Context(side=side, role="adversary", mode="eval", device=device, generator=generator)
+    context = evaluation_context(side, seed, device)
     return AdversaryPolicy(info, builder, actor, context), hooks

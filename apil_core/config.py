@@ -20,7 +20,7 @@ class Section(BaseModel):
 
 
 class RewardConfig(Section):
-    """Training reward ``c·w_dense·dense + (1−c)·w_sparse·sparse`` (METHODS.md §1); null: the game's own."""
+    """Training reward ``c·w_dense·dense + (1−c)·w_sparse·sparse`` (docs/methods.md §1); null: the game's."""
 
     dense_weight: float | None = None
     """Weight of movement shaping; null takes the game's default."""
@@ -33,7 +33,7 @@ class RewardConfig(Section):
 
 
 class PPOConfig(Section):
-    """The learner every method shares (METHODS.md §3)."""
+    """The learner every method shares (docs/methods.md §3)."""
 
     num_steps: Annotated[int, Field(gt=0)] = 128
     """Steps per game in one rollout; the batch is num_envs × num_steps (paper: 8 × 2048)."""
@@ -136,8 +136,9 @@ class RunConfig(Section):
     @model_validator(mode="after")
     def _batch_divides(self) -> RunConfig:
         batch = self.num_envs * self.ppo.num_steps
-        if self.ppo.minibatches > batch:
+        if batch < 2 * self.ppo.minibatches:
             raise ValueError(
-                f"ppo.minibatches ({self.ppo.minibatches}) exceeds num_envs × ppo.num_steps ({batch})"
+                f"num_envs × ppo.num_steps ({batch}) must hold at least two samples for each of "
+                f"ppo.minibatches ({self.ppo.minibatches}): advantages are normalised per minibatch"
             )
         return self

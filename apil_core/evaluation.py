@@ -16,6 +16,7 @@ from apil_core.play import Filter, Seat, Tally, play
 from apil_core.policy import Policy
 from apil_core.progress import Progress
 from apil_core.run_hooks import RunHookManager
+from apil_core.seeds import stream_generator, stream_seed
 from apil_core.types import Context
 
 MAX_PARALLEL_GAMES = 128
@@ -98,7 +99,7 @@ def score(
     """
     begin = time.perf_counter()
     progress = progress or Progress()
-    game.seed(seed)
+    game.seed(stream_seed(seed, "evaluation games"))
     device = torch.device(config.device)
     modes = config.evaluation
     seats: dict[int, Seat] = {}
@@ -107,7 +108,7 @@ def score(
         (adversary_side, adversary, modes.adversary_actions),
         (1 - adversary_side, victim, modes.victim_actions),
     ):
-        generator = torch.Generator(device=device).manual_seed(2 * seed + side)
+        generator = stream_generator(seed, f"evaluation seat {side}", device)
         seats[side] = Seat(policy, mode == "sample", generator)
         role = "adversary" if side == adversary_side else "victim"
         contexts[side] = Context(side, role, "eval", device, generator)  # type: ignore[arg-type]

@@ -74,7 +74,7 @@ class RunHooks:
 
     @hookspec
     def shape_reward(self, run: Run, step: StepBatch) -> dict[str, Tensor] | None:
-        """Named terms added to r^α, in the units of METHODS.md §1, each logged; per vectorised step.
+        """Named terms added to r^α, in the units of docs/methods.md §1, each logged; per vectorised step.
 
         Returns:
             ``{name: (n,) float32}``.

@@ -1,6 +1,6 @@
 """PPO for every method, on rsl_rl's algorithm, models and storage. The only file that imports rsl_rl.
 
-What rsl_rl does differently from the published PPO is set here (METHODS.md §3, last paragraph):
+What rsl_rl does differently from the published PPO is set here (docs/methods.md §3, PPO):
 fixed schedule with the learning rate annealed from outside, clipped value loss, advantages
 normalised per minibatch, ½ in the value loss, Adam's epsilon 1e-5, orthogonal initial weights.
 Accepted departures: actor and critic are clipped separately; one permutation serves all epochs.
@@ -8,6 +8,7 @@ Accepted departures: actor and critic are clipped separately; one permutation se
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -19,6 +20,7 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 
 from apil_core.config import PPOConfig
+from apil_core.errors import ApilError
 from apil_core.networks import mlp
 from apil_core.returns import gae
 from apil_core.types import DiagonalGaussian
@@ -137,7 +139,7 @@ class Learner:
             streams: reward streams beside the main one, each (T, n).
         """
         storage = self.storage
-        with torch.inference_mode():
+        with torch.no_grad():  # not inference mode: plugins may train on what comes out
             main = self._gae(storage.rewards[..., 0], storage.values[..., 0], self.ppo.critic(last)[:, 0])
             storage.returns.copy_((main + storage.values[..., 0]).unsqueeze(-1))
         result = {MAIN_STREAM: main}
@@ -167,9 +169,14 @@ class Learner:
             after = self.actor(observations)
             metrics["ppo/kl"] = float(before.kl(after).mean())
             metrics["ppo/std"] = float(after.std.mean())
+        if not math.isfinite(metrics["ppo/kl"] + metrics["ppo/value"]):
+            raise ApilError(
+                f"the policy became NaN or infinite in this update (ppo.learning_rate {learning_rate:g}); "
+                "lower the learning rate and resume from the last checkpoint"
+            )
         metrics["ppo/learning_rate"] = learning_rate
         for name, critic in self.critics.items():
-            metrics[f"ppo/value_{name}"] = critic.update(observations)
+            metrics[f"ppo/value_{name}"] = critic.update(observations, learning_rate)
         return metrics
 
     def state_dict(self) -> dict[str, Any]:
@@ -206,19 +213,22 @@ class StreamCritic:
     def __init__(self, model: MLPModel, config: PPOConfig):
         self.model = model
         self.config = config
-        self.optimizer = torch.optim.Adam(model.parameters(), config.learning_rate, eps=_ADAM_EPSILON)
+        kind = torch.optim.AdamW if config.optimizer == "adamw" else torch.optim.Adam
+        self.optimizer = kind(model.parameters(), config.learning_rate, eps=_ADAM_EPSILON)
         self._targets: Tensor | None = None
 
     def advantages(self, learner: Learner, rewards: Tensor, last: TensorDict) -> Tensor:
         """GAE of the stream, (T, n); keeps the critic's targets for :meth:`update`."""
-        with torch.inference_mode():
+        with torch.no_grad():
             values = self.model(learner.storage.observations.flatten(0, 1)).view(rewards.shape)
             result = learner._gae(rewards, values, self.model(last)[:, 0])
         self._targets = (result + values).flatten().clone()
         return result
 
-    def update(self, observations: TensorDict) -> float:
+    def update(self, observations: TensorDict, learning_rate: float) -> float:
         """Mean-squared-error epochs over the rollout's observations (T·n,); returns the mean loss."""
+        for group in self.optimizer.param_groups:
+            group["lr"] = learning_rate
         if self._targets is None:
             return float("nan")
         losses: list[Tensor] = []

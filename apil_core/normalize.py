@@ -1,4 +1,4 @@
-"""Running normalisation of observations and rewards (METHODS.md §1), as PPO implementations do it.
+"""Running normalisation of observations and rewards (docs/methods.md §1), as PPO implementations do it.
 
 Statistics are float64 (a run adds tens of millions of samples), results float32.
 """

@@ -1,4 +1,4 @@
-"""The training reward of both sides from the game's sparse and dense parts (METHODS.md §1)."""
+"""The training reward of both sides from the game's sparse and dense parts (docs/methods.md §1)."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from apil_core.types import Rollout, StepBatch
+from apil_core.types import OWN_GROUP, Rollout, StepBatch
 
 _FIELDS = (
     "observation",
@@ -49,7 +49,8 @@ class RolloutBuffer:
             std = step.victim_distribution.std
             self._put(self._data, "victim_std", t, std.expand_as(step.victim_distribution.mean))
         for name, value in groups.items():
-            self._put(self._groups, name, t, value)
+            if name != OWN_GROUP:  # that is ``observation``
+                self._put(self._groups, name, t, value)
         self._length += 1
 
     def finish(
@@ -62,10 +63,10 @@ class RolloutBuffer:
         data.setdefault("victim_std", None)  # type: ignore[arg-type]
         return Rollout(
             **data,
-            next_observation=next_observation,
-            next_victim_observation=next_victim_observation,
+            next_observation=_trainable(next_observation),
+            next_victim_observation=_trainable(next_victim_observation),
             groups={name: values[:length] for name, values in self._groups.items()},
-            next_groups=dict(next_groups),
+            next_groups={name: _trainable(v) for name, v in next_groups.items() if name != OWN_GROUP},
         )
 
     def _put(self, store: dict[str, Tensor], name: str, t: int, value: Tensor) -> None:
@@ -76,3 +77,9 @@ class RolloutBuffer:
                     (self.num_steps, *value.shape), dtype=value.dtype, device=value.device
                 )
         store[name][t].copy_(value)
+
+
+def _trainable(value: Tensor) -> Tensor:
+    """A copy that autograd accepts: collection runs in inference mode, whose tensors it refuses."""
+    with torch.inference_mode(False):
+        return torch.empty(value.shape, dtype=value.dtype, device=value.device).copy_(value)

@@ -12,9 +12,8 @@ from apil_core.plugins import PluginRegistry
 from apil_core.policy import Policy
 from apil_core.registry import make_game
 from apil_core.rollout_buffer import RolloutBuffer
+from apil_core.seeds import stream_seed
 from apil_core.types import Rollout
-
-_SEED_OFFSET = 500_000_003
 
 
 class SideGames:
@@ -56,6 +55,7 @@ class SideGames:
         for _ in range(steps):
             actions = self._attack.actor(observations).sample(self._attack.generators["method"])
             observations, _, _, _ = env.step(actions)
+        env.stats.metrics()  # nobody reads them here: forget, or they pile up
         return env.finish_rollout()
 
     def _build(self, policy: Policy) -> AttackEnv:
@@ -67,7 +67,7 @@ class SideGames:
             options=config.game,
             plugins=self._plugins,
         )
-        game.seed(config.seed + _SEED_OFFSET)
+        game.seed(stream_seed(config.seed, "side games"))
         env = AttackEnv(
             game,
             policy,

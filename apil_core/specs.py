@@ -15,7 +15,7 @@ from apil_core.errors import PluginError
 
 @dataclass(frozen=True)
 class RewardWeights:
-    """How a game's dense and sparse parts make one training reward (METHODS.md §1).
+    """How a game's dense and sparse parts make one training reward (docs/methods.md §1).
 
     ``r = c * dense_weight * dense + (1 - c) * sparse_weight * sparse`` where ``c`` falls linearly
     from ``1`` to ``0`` over the first ``anneal_fraction`` of training (``0``: sparse from the start).

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from apil_core.adversary import AdversaryPolicy
-from apil_core.build import Attack, load_victim, victim_name
+from apil_core.build import Attack, evaluation_context, load_victim, victim_name
 from apil_core.errors import PluginError
 from apil_core.evaluation import MAX_PARALLEL_GAMES, EvaluationResult, score
 from apil_core.learner import MAIN_STREAM
@@ -18,7 +18,7 @@ from apil_core.policy import Policy, PolicyInfo
 from apil_core.progress import Progress
 from apil_core.registry import make_game
 from apil_core.side_games import SideGames
-from apil_core.types import Context, Rollout
+from apil_core.types import Rollout
 
 
 class Trainer:
@@ -43,6 +43,7 @@ class Trainer:
         self.iteration = 0
         self.hook = attack.hooks.hook
         self.wall_seconds = 0.0
+        self._begun_at = 0
         self.side_games = SideGames(attack, plugins)
         attack.env.run = self
 
@@ -59,6 +60,7 @@ class Trainer:
     def iterate(self) -> dict[str, float]:
         """One iteration; returns its metrics."""
         begin = time.perf_counter()
+        self._begun_at = self.steps
         with self.attack.hooks.attribution():
             self._collect()
             collected = time.perf_counter()
@@ -132,9 +134,8 @@ class Trainer:
         ppo = self.config.ppo
         if ppo.lr_schedule == "constant":
             return ppo.learning_rate
-        # as the published code: the share left when the update begins
-        done = self.iteration * self.config.num_envs * ppo.num_steps
-        return ppo.learning_rate * max(1.0 - done / self.total_steps, 0.0)
+        # as the published code: the share of the budget left when the iteration began
+        return ppo.learning_rate * max(1.0 - self._begun_at / self.total_steps, 0.0)
 
     def collect(self, victim_side_policy: Policy, steps: int) -> Rollout:
         """See :meth:`apil_core.Run.collect`."""
@@ -155,8 +156,7 @@ class Trainer:
             victim = load_victim(
                 victim_name(config, self.plugins), game, 1 - side, config.device, self.plugins
             )
-            generator = torch.Generator(device=self.device).manual_seed(config.seed)
-            context = Context(side, "adversary", "eval", self.device, generator)
+            context = evaluation_context(side, config.seed, self.device)
             seat = self.layout.sides[side]
             info = PolicyInfo(
                 f"run at {self.steps} steps", "in memory", seat.observation_size, seat.action_size

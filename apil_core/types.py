@@ -15,6 +15,9 @@ from torch import Tensor
 Mode = Literal["train", "eval"]
 Role = Literal["adversary", "victim", "imitator"]
 
+OWN_GROUP = "own"
+"""Name of the adversary's own observation among the observation groups."""
+
 
 @dataclass
 class DiagonalGaussian:
@@ -58,7 +61,7 @@ class Context:
     Attributes:
         side: index of the side that will see the observation.
         role: what that side is.
-        mode: ``train`` or ``eval``; stochastic helpers may differ (see METHODS.md §3, row ã).
+        mode: ``train`` or ``eval``; stochastic helpers may differ (see docs/methods.md §3, row ã).
         device: where the tensors live.
         generator: the only source of randomness a hook may use.
     """
@@ -112,7 +115,7 @@ class StepBatch:
         victim_observation: s^ν_t, shape (n, o').
         action, victim_action: a^α_t and a^ν_t as chosen (unclipped), (n, a) and (n, a').
         victim_distribution: what a^ν_t was drawn from, or ``None`` for a black box.
-        reward, victim_reward: r^α and r^ν in the units of METHODS.md §1, shape (n,).
+        reward, victim_reward: r^α and r^ν in the units of docs/methods.md §1, shape (n,).
         normalized_reward, normalized_victim_reward: each divided by the running standard
             deviation of its own discounted return, clipped to ±10, shape (n,).
         sparse, dense: per role, shape (2, n): row 0 adversary, row 1 victim.

@@ -1,4 +1,4 @@
-"""How one flat vector of the zoo divides into named tensors (design note GAMES.md, "Zoo weights").
+"""How one flat vector of the zoo divides into named tensors (docs/games.md, "Zoo weights").
 
 In order: return filter (sum, sum of squares, count), observation filter (the same three), value net,
 policy net, log standard deviation. Kernels are stored (inputs, outputs), as TensorFlow keeps them.

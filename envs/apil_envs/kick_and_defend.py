@@ -69,7 +69,7 @@ def decide(
 
 
 class KickAndDefend(MujocoGame):
-    """Side 0 is the kicker, side 1 the keeper; see ``GAMES`` for rules and observation order."""
+    """Side 0 is the kicker, side 1 the keeper; see docs/games.md for rules and observation order."""
 
     side_names = ("kicker", "keeper")
     causes = CAUSES
@@ -123,7 +123,7 @@ class KickAndDefend(MujocoGame):
         return decide(self.ball.position, self.ball.velocity, heights, keeper_x, self.touched, time_up)
 
     def move_rewards(self, moved: Array, verdict: Verdict) -> tuple[Array, Array]:
-        """See GAMES.md; shaping adds the ball's distance to the goal plane while the game goes on."""
+        """See docs/games.md; shaping adds the ball's distance to the goal plane while the game goes on."""
         kicker, keeper = self.robots
         costs = [
             moves.control_cost(robot.ctrl) + moves.contact_cost(robot.contact_force) for robot in self.robots

@@ -1,4 +1,4 @@
-"""The dense reward terms the games share (GAMES.md, "Outcomes and rewards"); everything is (n,)."""
+"""The dense reward terms the games share (docs/games.md, "Outcomes and rewards"); everything is (n,)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who may import whom (ARCHITECTURE.md): read from the source, so that no lazy import escapes."""
+"""Who may import whom (docs/architecture.md): read from the source, so that no lazy import escapes."""
 
 from __future__ import annotations
 

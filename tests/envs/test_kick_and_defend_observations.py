@@ -59,7 +59,7 @@ def centre_x(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 
 
 def dense(model: mujoco.MjModel, data: mujoco.MjData, moved: float) -> list[float]:
-    """Dense rewards of kicker and keeper, spelt out from GAMES.md."""
+    """Dense rewards of kicker and keeper, spelt out from docs/games.md."""
     ball = data.joint("ball").qpos[:3]
     rewards = []
     for side in (0, 1):

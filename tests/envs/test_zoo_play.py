@@ -1,6 +1,6 @@
 """The pretrained agents feel at home: their observation filters fit, and they win as often as they should.
 
-The reference are 300 games of an independent prototype (GAMES.md): the keeper won 87 and 3 were ties.
+The reference are 300 games of an independent prototype (docs/games.md): the keeper won 87 and 3 were ties.
 """
 
 from __future__ import annotations

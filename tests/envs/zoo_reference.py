@@ -1,4 +1,4 @@
-"""The zoo agents in plain numpy, written apart from the package as a check on it (GAMES.md, "Zoo weights").
+"""The zoo agents in plain numpy, written apart from the package as a check (docs/games.md, "Zoo weights").
 
 Everything is batched: observations are (n, o), actions (n, a), recurrent state (n, 128).
 """

@@ -1,4 +1,4 @@
-"""APIL's options: every point where the paper's text and the published code differ (METHODS.md §3)."""
+"""APIL's options: every point where the paper's text and the published code differ (docs/methods.md §3)."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ class DiscriminatorConfig(Section):
 
     hidden: tuple[int, ...] = (128, 128)
     """Hidden tanh layers."""
-    learning_rate: Annotated[float, Field(gt=0)] = 3e-4
-    """Adam's step size."""
+    learning_rate: Annotated[float, Field(gt=0)] = 1e-3
+    """Adam's step size; slower ones were seen to let D saturate behind its tanh and never recover."""
     logit_bound: Literal["tanh", "none"] = "tanh"
     """tanh: the logit lies in [-1, 1], D in [.269, .731], as the theorem assumes; none: unbounded."""
     state: Literal["current", "next"] = "current"

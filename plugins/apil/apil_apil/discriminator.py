@@ -54,7 +54,7 @@ def _initialise(layers: Sequence[nn.Linear]) -> None:
 
 
 def imitation_loss(victim_logits: Tensor, imitator_logits: Tensor) -> Tensor:
-    """Binary cross-entropy, label 1 for the victim, 0 for the imitator (METHODS.md §2).
+    """Binary cross-entropy, label 1 for the victim, 0 for the imitator (docs/methods.md §2).
 
     The paper prints min over D of the log-likelihoods, which moves the same way but has its optimum
     at the bounds; descending the cross-entropy is what GAIL does (Ho & Ermon 2016, algorithm 1).

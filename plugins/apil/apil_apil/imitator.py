@@ -10,7 +10,14 @@ from torch import Tensor, nn
 
 from apil_apil.config import ImitatorConfig
 from apil_apil.trpo import TrustRegion, trpo_step
-from apil_core import DiagonalGaussian, GaussianActor, gae, mlp, normalize_advantages
+from apil_core import (
+    DiagonalGaussian,
+    GaussianActor,
+    ReturnNormalizer,
+    gae,
+    mlp,
+    normalize_advantages,
+)
 
 _ADAM_EPSILON = 1e-5
 
@@ -47,6 +54,7 @@ class Imitator(nn.Module):
         self.config = config
         self.policy = GaussianActor(state_size, action_size, config.hidden, config.init_std)
         self.critic = mlp((state_size, *config.hidden, 1))
+        self.scale: ReturnNormalizer | None = None
         self.optimizer = torch.optim.Adam(self.policy.parameters(), config.learning_rate, eps=_ADAM_EPSILON)
         self.value_optimizer = torch.optim.Adam(
             self.critic.parameters(), config.value_learning_rate, eps=_ADAM_EPSILON
@@ -62,11 +70,10 @@ class Imitator(nn.Module):
         config = self.config
         states = experience.states.flatten(0, 1)
         with torch.no_grad():
+            rewards = self._scaled(experience.rewards, experience.done)
             values = self.critic(experience.states)[..., 0]
             last = self.critic(experience.next_states)[..., 0]
-            advantages = gae(
-                experience.rewards, values, last, experience.done, gamma=config.gamma, lam=config.lam
-            )
+            advantages = gae(rewards, values, last, experience.done, gamma=config.gamma, lam=config.lam)
         targets = (advantages + values).flatten()
         actions = experience.actions.flatten(0, 1)
         scaled = normalize_advantages(advantages).flatten()
@@ -74,6 +81,21 @@ class Imitator(nn.Module):
         metrics = update(states, actions, scaled, generator)
         metrics["value_loss"] = self._fit_critic(states, targets, generator)
         return {f"imitator_{name}": value for name, value in metrics.items()}
+
+    def _scaled(self, rewards: Tensor, done: Tensor) -> Tensor:
+        """η in units of the running std of its discounted return, (T, n).
+
+        A positive factor, so the policy's objective is the same; but log D adds up to about −100 over
+        a game, which a critic that starts at 0 would take a hundred iterations to reach, and until
+        then the advantage would mostly say how soon the game ends.
+        """
+        if self.scale is None:
+            self.scale = ReturnNormalizer(rewards.shape[1], self.config.gamma, clip=float("inf"))
+            self.scale.to(rewards.device)
+        for reward, ended in zip(rewards, done, strict=True):
+            self.scale.update(reward, ended)
+        scaled: Tensor = self.scale(rewards)
+        return scaled
 
     def _trpo(
         self, states: Tensor, actions: Tensor, advantages: Tensor, generator: torch.Generator
@@ -127,14 +149,23 @@ class Imitator(nn.Module):
     def training_state(self) -> dict[str, Any]:
         """Weights and optimisers."""
         return {
-            "weights": self.state_dict(),
+            "policy": self.policy.state_dict(),
+            "critic": self.critic.state_dict(),
+            "scale": None if self.scale is None else self.scale.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "value_optimizer": self.value_optimizer.state_dict(),
         }
 
     def load_training_state(self, state: dict[str, Any]) -> None:
         """Restore what :meth:`training_state` gave."""
-        self.load_state_dict(state["weights"])
+        self.policy.load_state_dict(state["policy"])
+        self.critic.load_state_dict(state["critic"])
+        if state["scale"] is not None:
+            self.scale = ReturnNormalizer(
+                len(state["scale"]["returns"]), self.config.gamma, clip=float("inf")
+            )
+            self.scale.load_state_dict(state["scale"])
+            self.scale.to(next(self.policy.parameters()).device)
         self.optimizer.load_state_dict(state["optimizer"])
         self.value_optimizer.load_state_dict(state["value_optimizer"])
 

@@ -1,4 +1,4 @@
-"""APIL's hooks: predict the victim's action, and train who predicts it (Bui et al. 2022; METHODS.md §2)."""
+"""APIL's hooks: predict the victim, and train who predicts it (Bui et al. 2022; docs/methods.md §2)."""
 
 from __future__ import annotations
 
@@ -140,7 +140,10 @@ class Apil(Method):
             return played, played_states, played.victim_action
         if fresh or self.options.prediction_actions == "mode":
             return rollout, states, self._distribution(states).sample(run.generator)
-        return rollout, states, rollout.groups[PREDICTION]
+        # the first row was drawn before the last update: draw it anew, from the present policy
+        actions = rollout.groups[PREDICTION].clone()
+        actions[0] = self._distribution(states[0]).sample(run.generator)
+        return rollout, states, actions
 
     def _scored(self, states: Tensor, rollout: Rollout) -> Tensor:
         """States D reads with a_t: s_t, or s_{t+1} as the published code has it; (T, n, s)."""

@@ -1,4 +1,4 @@
-"""How well the imitator predicts, and how well D tells (METHODS.md §4)."""
+"""How well the imitator predicts, and how well D tells (docs/methods.md §4)."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ STREAM = "victim"
 
 
 class Apl(Method):
-    """∇(V_α − V_ν) is a policy gradient on Δr = r^α − r^ν (Guo et al. 2021; METHODS.md §1)."""
+    """∇(V_α − V_ν) is a policy gradient on Δr = r^α − r^ν (Guo et al. 2021; docs/methods.md §1)."""
 
     options: AplConfig
 

@@ -11,7 +11,7 @@ from apil_e_apil.config import EApilConfig
 
 
 class EApil(Method):
-    """The imitator maximises its own objective minus V_α (Bui et al. 2022; METHODS.md §2).
+    """The imitator maximises its own objective minus V_α (Bui et al. 2022; docs/methods.md §2).
 
     ∇V_α is itself a policy gradient with return R^α, so the whole change is in the reward:
     η(s, a^α, ã) = log D(s, ã) − β·r̂^α(s), r̂^α normalised by the std of its own discounted return.
