@@ -23,6 +23,9 @@ from apil_core.errors import ConfigError, suggest
 from apil_core.plugins import PluginRegistry, names
 from apil_core.specs import GameSpec
 
+_IDENTITY = ("version", "method", "env", "victim", "steps", "num_envs", "seed", "reward", "ppo", "options")
+"""What every stored config has; a default in its place would silently be another run."""
+
 
 def gather(
     file: Path | None = None,
@@ -106,6 +109,9 @@ def complete(config: RunConfig, plugins: PluginRegistry) -> RunConfig:
         ConfigError: one line per mistake.
     """
     data = config.model_dump(mode="json")
+    # stored configs resolve relative paths against their own directory
+    data["plugins"] = [str(Path(path).resolve()) for path in config.plugins]
+    data["init_from"] = None if config.init_from is None else str(config.init_from.resolve())
     return resolve_layers([Layer(data, {(key,): "RunConfig" for key in data})], plugins)
 
 
@@ -118,6 +124,9 @@ def load_resolved(path: Path) -> RunConfig:
     layer = file_layer(Path(path))
     data, origins = merge({}, [layer])
     check_version(data, origins)
+    missing = [key for key in _IDENTITY if key not in data]
+    if missing:
+        raise ConfigError(f"{path}: incomplete, lacks {', '.join(missing)}: damaged, or not stored by a run")
     try:
         return RunConfig.model_validate(data)
     except ValidationError as error:

@@ -9,6 +9,7 @@ from typing import Any
 
 from apil_core import checkpoint
 from apil_core.build import adversary_policy, check_device, load_victim, victim_name, victim_side
+from apil_core.checkpoint_fit import POLICY_KEYS, check_same_run, fitting
 from apil_core.config import ActionMode, RunConfig
 from apil_core.errors import ConfigError, RunDirError
 from apil_core.evaluation import MAX_PARALLEL_GAMES, EvaluationResult, score
@@ -111,11 +112,13 @@ def load_adversary(
 ) -> tuple[Policy, RunHookManager | None, int | None]:
     """The adversary of a run's newest (or given) checkpoint, its hooks, and its training steps."""
     path = path or run_dir.newest_checkpoint()
-    state = checkpoint.read(path, config.device)
+    state = checkpoint.read(path)
+    check_same_run(state, config, path, POLICY_KEYS)
     side = 1 - victim_side(config, plugins)
     seat = game.layout.sides[side]
     info = PolicyInfo(f"run:{run_dir.path}", sha256(path), seat.observation_size, seat.action_size)
-    policy, hooks = adversary_policy(state, info, config, game, side, plugins, seed)
+    with fitting(path):
+        policy, hooks = adversary_policy(state, info, config, game, side, plugins, seed)
     return policy, hooks, int(state["steps"])
 
 

@@ -29,8 +29,10 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
             os.fsync(directory)  # the rename itself must survive a power cut
         finally:
             os.close(directory)
-    except (OSError, RuntimeError) as error:  # torch.save reports a full disk as RuntimeError
+    except BaseException as error:
         temporary.unlink(missing_ok=True)
+        if not isinstance(error, (OSError, RuntimeError)):  # torch.save reports a full disk as RuntimeError
+            raise
         raise RunDirError(f"cannot write {path}: {error}; what was there before is untouched") from error
 
 

@@ -28,6 +28,9 @@ from apil_core.run_hooks import RunHookManager
 from apil_core.specs import RewardWeights
 from apil_core.types import Context, Decision, DiagonalGaussian, Rollout, StepBatch, View
 
+_OWN_TERMS = {"adversary", "victim", "uneven_share"}
+"""Names under ``reward/`` in the metrics that are not a plugin's."""
+
 
 @dataclass
 class Pending:
@@ -209,6 +212,9 @@ class AttackEnv:
             total = total + self.hooks.checked("shape_reward", name, value, tuple(total.shape))
         if not torch.isfinite(total).all():
             raise PluginError(f"game {self.config.env!r} gives NaN or infinite rewards")
+        taken = terms.keys() & _OWN_TERMS
+        if taken:
+            raise self.hooks.complaint("shape_reward", f"the name {min(taken)!r} is taken; choose another")
         self.stats.add(step, {"adversary": step.reward, "victim": step.victim_reward, **terms})
         if not self.config.reward.normalize:
             return total
@@ -244,13 +250,13 @@ class AttackEnv:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on exactly where :meth:`state_dict` was taken."""
         self.game.load_state_dict(state["game"])
-        self.victim.load_recurrent_state(state["victim"])
+        self.victim.load_recurrent_state(_to_device(state["victim"], self.device))
         self.steps = state["steps"]
         self.episode_length_buf = state["lengths"].to(self.device)
         self.stats.load_state_dict(state["stats"])
         for name, module in self.normalizers.items():
             module.load_state_dict(state["normalizers"][name])
-        saved = state["pending"]
+        saved = _to_device(state["pending"], self.device)
         distribution = None if saved["mean"] is None else DiagonalGaussian(saved["mean"], saved["std"])
         self._pending = Pending(
             own=saved["own"],
@@ -260,3 +266,15 @@ class AttackEnv:
             groups=saved["groups"],
             observations=TensorDict(saved["observations"], batch_size=[self.num_envs], device=self.device),
         )
+
+    def restart(self) -> None:
+        """Start all games anew at the next observation (the networks behind it have changed)."""
+        self._pending = None
+
+
+def _to_device(value: Any, device: torch.device) -> Any:
+    if isinstance(value, Tensor):
+        return value.to(device)
+    if isinstance(value, Mapping):
+        return {key: _to_device(item, device) for key, item in value.items()}
+    return value

@@ -193,8 +193,10 @@ class Learner:
             self._stream_critic(name).load_state_dict(critic)
 
     def load_networks(self, state: dict[str, Any]) -> None:
-        """Take actor and critic of another run's :meth:`state_dict`, with fresh optimisers."""
+        """Take actor and critics of another run's :meth:`state_dict`, with fresh optimisers."""
         self.ppo.load(state["ppo"], {"actor": True, "critic": True}, strict=True)
+        for name, critic in state["critics"].items():
+            self._stream_critic(name).model.load_state_dict(critic["model"])
 
     def _gae(self, rewards: Tensor, values: Tensor, next_value: Tensor) -> Tensor:
         done = self.storage.dones[..., 0].bool()

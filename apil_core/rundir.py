@@ -8,10 +8,13 @@ import platform
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
 from typing import Any
+
+from filelock import FileLock, Timeout
 
 from apil_core.config import RunConfig
 from apil_core.errors import RunDirError
@@ -69,7 +72,11 @@ class RunDir:
 
     def note_environment(self, command: Sequence[str]) -> None:
         """Append this session (command, versions, host, git) to ``environment.json``."""
-        sessions = self._read_json(self.environment_path) or []
+        try:
+            sessions = self._read_json(self.environment_path) or []
+        except RunDirError:  # only a note: a damaged one must not keep a run from going on
+            self.environment_path.replace(self.environment_path.with_suffix(".json.damaged"))
+            sessions = []
         sessions.append(environment(command))
         self.write_json(self.environment_path, sessions)
 
@@ -104,6 +111,31 @@ class RunDir:
             raise RunDirError(f"{self.path} has no checkpoint yet: nothing to continue or evaluate")
         return found[-1]
 
+    def abandon_after(self, iteration: int) -> None:
+        """Set aside checkpoints later than ``iteration``: the run goes on from there, on another path."""
+        for path in self.checkpoints():
+            if path.name > self.checkpoint_path(iteration).name:
+                path.replace(path.with_suffix(".pt.abandoned"))
+
+    def retire_result(self) -> None:
+        """Keep the result of an earlier end as ``result-<steps>.json``: the run goes on."""
+        if self.result_path.is_file():
+            steps = int(self.summary()["steps"])
+            self.result_path.replace(self.path / f"result-{steps}.json")
+
+    @contextmanager
+    def lock(self) -> Iterator[None]:
+        """Hold the directory against other processes; a killed one lets go by itself.
+
+        Raises:
+            RunDirError: another process is training here.
+        """
+        try:
+            with FileLock(self.path / ".lock", timeout=0):
+                yield
+        except Timeout as error:
+            raise RunDirError(f"another process is training in {self.path}") from error
+
     def prune(self, keep: int) -> None:
         """Delete all but the newest ``keep`` checkpoints."""
         for old in self.checkpoints()[:-keep]:
@@ -121,11 +153,15 @@ class RunDir:
 
     def summary(self) -> dict[str, Any]:
         """Name, status and progress for listings; never raises for a half-written run."""
-        result = self.result() or {}
         last = self.last_metrics()
+        unfinished = "running or killed" if last else "empty"
+        try:
+            result = self.result() or {}
+        except RunDirError:
+            result, unfinished = {}, "damaged"
         return {
             "path": str(self.path),
-            "status": result.get("status", "running or killed" if last else "empty"),
+            "status": result.get("status", unfinished),
             "steps": int(last.get("steps", result.get("steps", 0))),
             "evaluation": result.get("evaluation"),
         }

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from apil_core.adversary import AdversaryPolicy
-from apil_core.build import Attack, evaluation_context, load_victim, victim_name
+from apil_core.build import Attack, adversary_policy, load_victim, victim_name
 from apil_core.errors import PluginError
 from apil_core.evaluation import MAX_PARALLEL_GAMES, EvaluationResult, score
 from apil_core.learner import MAIN_STREAM
@@ -104,11 +104,11 @@ class Trainer:
             update = hooks.only(plugin).update_auxiliary(run=self, rollout=rollout)
             merged = hooks.merged(update, "update_auxiliary")
             for key, value in merged.items():
-                if not isinstance(value, (int, float)):
-                    raise PluginError(
-                        f"plugin {name!r}: update_auxiliary: {key!r} must be a number, got {value!r}"
-                    )
-                metrics[f"{name}/{key}"] = float(value)
+                try:
+                    metrics[f"{name}/{key}"] = float(value)
+                except (TypeError, ValueError) as error:
+                    text = f"update_auxiliary: {key!r} must be a number, got {value!r}"
+                    raise PluginError(f"plugin {name!r}: {text}") from error
         metrics.update(
             learner.update(
                 rollout.advantages, as_given=mixed is not None, learning_rate=self._learning_rate()
@@ -141,9 +141,22 @@ class Trainer:
         """See :meth:`apil_core.Run.collect`."""
         return self.side_games.collect(victim_side_policy, steps)
 
-    def evaluate(self, episodes: int, progress: Progress) -> EvaluationResult:
-        """Score the current adversary without touching the training games or their randomness."""
-        config, attack = self.config, self.attack
+    def evaluate(
+        self, episodes: int, progress: Progress, name: str = "", sha256: str = "in memory"
+    ) -> EvaluationResult:
+        """Score the current adversary without touching the training games or their randomness.
+
+        Methods are rebuilt from their state, so that what they carry from step to step stays apart.
+
+        Args:
+            episodes: number of games.
+            progress: told of the games played.
+            name, sha256: identity of the adversary, for the result.
+        """
+        config, side = self.config, self.adversary_side
+        seat = self.layout.sides[side]
+        name = name or f"run at {self.steps} steps"
+        info = PolicyInfo(name, sha256, seat.observation_size, seat.action_size)
         with torch.random.fork_rng(devices=[]):
             game = make_game(
                 config.env,
@@ -152,17 +165,13 @@ class Trainer:
                 options=config.game,
                 plugins=self.plugins,
             )
-            side = self.adversary_side
-            victim = load_victim(
-                victim_name(config, self.plugins), game, 1 - side, config.device, self.plugins
-            )
-            context = evaluation_context(side, config.seed, self.device)
-            seat = self.layout.sides[side]
-            info = PolicyInfo(
-                f"run at {self.steps} steps", "in memory", seat.observation_size, seat.action_size
-            )
-            adversary = AdversaryPolicy(info, attack.builder, attack.actor, context)
+            opponent = victim_name(config, self.plugins)
             try:
+                victim = load_victim(opponent, game, 1 - side, config.device, self.plugins)
+                state = copy.deepcopy(self._policy_state())
+                adversary, hooks = adversary_policy(
+                    state, info, config, game, side, self.plugins, config.seed
+                )
                 result = score(
                     game,
                     adversary,
@@ -171,14 +180,24 @@ class Trainer:
                     adversary_side=side,
                     episodes=episodes,
                     seed=config.seed,
-                    hooks=attack.hooks,
+                    hooks=hooks,
                     trained_steps=self.steps,
                     progress=progress,
                 )
             finally:
                 game.close()
-        attack.hooks.hook.evaluation_finished(run=self, result=result.model_dump(mode="json"))
+        self.hook.evaluation_finished(run=self, result=result.model_dump(mode="json"))
         return result
+
+    def _policy_state(self) -> dict[str, Any]:
+        """The part of :meth:`state_dict` that makes the adversary."""
+        attack = self.attack
+        return {
+            "groups": attack.builder.sizes,
+            "builder": attack.builder.state_dict(),
+            "learner": attack.learner.state_dict(),
+            "methods": {name: method.state_dict() for name, method in attack.methods.items()},
+        }
 
     def state_dict(self) -> dict[str, Any]:
         """The whole run at an iteration boundary."""
@@ -187,15 +206,13 @@ class Trainer:
             "iteration": self.iteration,
             "steps": self.steps,
             "wall_seconds": self.wall_seconds,
-            "groups": attack.builder.sizes,
-            "builder": attack.builder.state_dict(),
-            "learner": attack.learner.state_dict(),
-            "methods": {name: method.state_dict() for name, method in attack.methods.items()},
+            **self._policy_state(),
             "env": attack.env.state_dict(),
             "side_games": self.side_games.state_dict(),
             "generators": {name: g.get_state() for name, g in attack.generators.items()},
             "torch_rng": torch.get_rng_state(),
-            "cuda_rng": torch.cuda.get_rng_state() if self.device.type == "cuda" else None,
+            "cuda_rng": torch.cuda.get_rng_state(self.device) if self.device.type == "cuda" else None,
+            "config": self.config.model_dump(mode="json"),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -214,13 +231,23 @@ class Trainer:
             generator.set_state(state["generators"][name].cpu())
         torch.set_rng_state(state["torch_rng"].cpu())
         if state["cuda_rng"] is not None:
-            torch.cuda.set_rng_state(state["cuda_rng"].cpu())
+            torch.cuda.set_rng_state(state["cuda_rng"].cpu(), self.device)
 
     def start_from(self, state: dict[str, Any]) -> None:
-        """Take networks and statistics of another run's state; games and optimisers start fresh."""
+        """Take networks and statistics of another run's state; games and PPO's optimisers start fresh.
+
+        Reward statistics come along, since the critics predict in their units.
+        """
         attack = self.attack
         attack.builder.load_state_dict(state["builder"])
         attack.learner.load_networks(state["learner"])
+        for name, module in attack.env.normalizers.items():
+            saved = state["env"]["normalizers"][name]
+            moments = {
+                key.removeprefix("moments."): v for key, v in saved.items() if key.startswith("moments.")
+            }
+            module.moments.load_state_dict(moments)
+        attack.env.restart()
         for name, method in attack.methods.items():
             if name in state["methods"]:
                 method.load_state_dict(state["methods"][name])

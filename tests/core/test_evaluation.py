@@ -124,3 +124,22 @@ def test_the_games_own_baseline_can_be_scored():
     assert game.layout.sides[0].name
     with pytest.raises(ApilError, match="takes .* observations and gives .* actions, but"):
         evaluate("baseline:zero/3x2", env="toy-pursuit", episodes=2)
+
+
+def test_streams_of_one_seed_are_independent():
+    from apil_core.seeds import stream_generator
+
+    names = (
+        "evaluation seat 0",
+        "evaluation seat 1",
+        "evaluation hooks",
+        "training victim",
+        "training method",
+    )
+    draws = torch.stack(
+        [torch.randn(4000, generator=stream_generator(0, n, torch.device("cpu"))) for n in names]
+    )
+    correlation = torch.corrcoef(draws) - torch.eye(len(names))
+    assert float(correlation.abs().max()) < 0.06
+    again = torch.randn(4000, generator=stream_generator(0, names[0], torch.device("cpu")))
+    assert torch.equal(again, draws[0])

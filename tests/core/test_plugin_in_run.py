@@ -35,7 +35,15 @@ class Curious(Method):
     def update_auxiliary(self, run, rollout):
         assert rollout.groups["opened"].shape == (*rollout.done.shape, 1)
         assert torch.equal(rollout.groups["opened"][..., 0].bool(), rollout.first)
-        assert rollout.advantages is not None
+        weight = torch.ones((), requires_grad=True)  # plugins may train on whatever they are handed
+        parts = [
+            rollout.advantages,
+            rollout.next_observation,
+            rollout.next_groups["opened"],
+            rollout.observation,
+        ]
+        sum((weight * part).sum() for part in parts).backward()
+        assert "own" not in rollout.groups
         Curious.seen.append((run.iteration, run.steps))
         return {"share": float(rollout.first.float().mean())}
 

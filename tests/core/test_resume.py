@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from apil_core import ConfigError, RunDirError, checkpoint, resume, run
+from apil_core import ApilError, ConfigError, RunDirError, checkpoint, resume, run
 from apil_core.config_io import dump_yaml
+from apil_core.progress import Progress
 from apil_core.rundir import RunDir
 from core.small_runs import differences, small_config
 
@@ -181,3 +182,124 @@ def test_init_from_takes_the_networks_of_another_run(tmp_path):
     with pytest.raises(ConfigError, match="init_from: .* observation groups"):
         run(small_config("apil", init_from=tmp_path / "first"), out=tmp_path / "third")
     assert not (tmp_path / "third").exists()
+
+
+def test_going_on_from_an_older_checkpoint_leaves_the_other_future(tmp_path):
+    run(small_config("adrl", checkpoint={"every_iterations": 1, "keep": 3}), out=tmp_path / "r")
+    older = RunDir(tmp_path / "r").checkpoints()[0]
+    state = final_state(tmp_path / "r")
+    resume(tmp_path / "r", checkpoint_path=older)
+    names = [p.name for p in RunDir(tmp_path / "r").checkpoints()]
+    assert names == [f"iteration-{i:08d}.pt" for i in (4, 5, 6)]
+    assert differences(state, final_state(tmp_path / "r")) == []
+    assert len(list(RunDir(tmp_path / "r").checkpoint_dir.glob("*.abandoned"))) == 2
+
+
+def test_a_run_killed_in_the_final_evaluation_of_an_extension_is_scored(tmp_path):
+    config = small_config("adrl", evaluation={"episodes": 8}, steps=1024)
+    run(config, out=tmp_path / "r")
+
+    class Killed(Progress):
+        def evaluation_progress(self, done, total):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        resume(tmp_path / "r", steps=2048, progress=Killed())
+    assert RunDir(tmp_path / "r").summary()["status"] == "running or killed"
+    assert json.loads((tmp_path / "r" / "result-1024.json").read_text())["steps"] == 1024
+    result = resume(tmp_path / "r")
+    assert (result.status, result.steps, result.evaluation.trained_steps) == ("finished", 2048, 2048)
+
+
+def test_two_processes_cannot_train_in_one_directory(tmp_path):
+    run(small_config("adrl", steps=512), out=tmp_path / "r")
+    with (
+        RunDir(tmp_path / "r").lock(),
+        pytest.raises(RunDirError, match="another process is training in"),
+    ):
+        resume(tmp_path / "r", steps=2048)
+
+
+@pytest.mark.parametrize(("bad", "message"), [({"steps": 0}, "--steps 0"), ({"threads": -1}, "--threads -1")])
+def test_a_bad_resume_changes_nothing(tmp_path, bad, message):
+    run(small_config("adrl", steps=512), out=tmp_path / "r")
+    before = RunDir(tmp_path / "r").config_path.read_bytes()
+    with pytest.raises(ConfigError, match=message):
+        resume(tmp_path / "r", **bad)
+    assert RunDir(tmp_path / "r").config_path.read_bytes() == before
+
+
+def edit_config(path, old, new):
+    text = RunDir(path).config_path.read_text()
+    assert old in text
+    RunDir(path).config_path.write_text(text.replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("method: adrl", "method: apl", "method"),
+        ("seed: 0", "seed: 1", "seed"),
+        ("num_envs: 32", "num_envs: 16", "num_envs"),
+    ],
+)
+def test_a_checkpoint_of_another_configuration_is_refused(tmp_path, old, new, named):
+    run(small_config("adrl", steps=512), out=tmp_path / "r")
+    edit_config(tmp_path / "r", old, new)
+    with pytest.raises(RunDirError, match=f"is of another run or configuration: .*{named}") as caught:
+        resume(tmp_path / "r", steps=2048)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_config_cut_short_is_not_filled_with_defaults(tmp_path):
+    run(small_config("adrl", steps=512), out=tmp_path / "r")
+    path = RunDir(tmp_path / "r").config_path
+    path.write_text(path.read_text()[:150])
+    with pytest.raises(ConfigError, match=r"config.yaml: incomplete, lacks .*seed"):
+        resume(tmp_path / "r", steps=2048)
+
+
+def test_an_error_after_an_iteration_keeps_that_iteration(tmp_path, monkeypatch):
+    class Full(Progress):
+        def iteration(self, metrics):
+            if metrics["iteration"] == 3:
+                raise RunDirError("no space")
+
+    config = small_config("adrl", checkpoint={"every_iterations": 100})
+    with pytest.raises(RunDirError, match="no space"):
+        run(config, out=tmp_path / "r", progress=Full())
+    assert final_state(tmp_path / "r")["iteration"] == 3
+    assert resume(tmp_path / "r").status == "finished"
+
+
+def test_a_policy_that_became_nan_is_not_saved(tmp_path):
+    wild = {"num_steps": 16, "epochs": 2, "minibatches": 2, "learning_rate": 1e30}
+    with pytest.raises(ApilError, match="became NaN or infinite .* lower the learning rate"):
+        run(small_config("adrl", ppo=wild, checkpoint={"every_iterations": 1}), out=tmp_path / "r")
+    assert RunDir(tmp_path / "r").checkpoints() == []
+
+
+def test_damaged_notes_do_not_stop_a_run(tmp_path):
+    run(small_config("adrl", steps=512), out=tmp_path / "r")
+    RunDir(tmp_path / "r").environment_path.write_text("{")
+    RunDir(tmp_path / "r").result_path.write_text("{")
+    assert RunDir(tmp_path / "r").summary()["status"] == "damaged"
+    RunDir(tmp_path / "r").result_path.unlink()
+    assert resume(tmp_path / "r", steps=1024).status == "finished"
+
+
+def test_the_stored_configuration_is_complete(tmp_path):
+    run(small_config("apl", steps=512), out=tmp_path / "r")
+    stored = RunDir(tmp_path / "r").config()
+    assert stored.victim == "scripted:toy-pursuit/evader/v1"
+    assert stored.victim_side == 0
+    assert stored.reward.sparse_weight is not None
+    assert stored.options == {"apl": {"advantage_difference": False}}
+
+
+def test_linear_learning_rate_counts_side_games(tmp_path):
+    ppo = {"num_steps": 16, "epochs": 1, "minibatches": 2, "learning_rate": 1.0e-4, "lr_schedule": "linear"}
+    config = small_config("apil", ppo=ppo, options={"apil": {"rollouts": "own"}}, steps=4 * 1024)
+    run(config, out=tmp_path / "r")
+    rates = [m["ppo/learning_rate"] for m in lines(tmp_path / "r")]
+    assert rates == pytest.approx([1.0e-4, 0.75e-4, 0.5e-4, 0.25e-4])

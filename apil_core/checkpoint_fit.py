@@ -1,0 +1,57 @@
+"""Whether a checkpoint belongs to a configuration: a mismatch must be an error, not a strange result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from apil_core.config import RunConfig
+from apil_core.config_io import flatten
+from apil_core.errors import RunDirError
+
+MAY_CHANGE = ("steps", "threads", "device", "recorders", "checkpoint", "evaluation", "plugins", "init_from")
+"""Sections of a config that a run may change when it goes on."""
+
+POLICY_KEYS = ("method", "env", "ppo", "options", "victim_side")
+"""Sections that decide what the adversary's networks look like and read."""
+
+
+def check_same_run(state: dict[str, Any], config: RunConfig, path: Path, keys: Iterable[str] = ()) -> None:
+    """Compare the configuration stored in a checkpoint with the run's.
+
+    Args:
+        state: the checkpoint.
+        config: the run's.
+        path: of the checkpoint, for the message.
+        keys: top-level sections to compare; default: all but :data:`MAY_CHANGE`.
+
+    Raises:
+        RunDirError: they differ; names the keys.
+    """
+    ours = config.model_dump(mode="json")
+    wanted = set(keys) or set(ours) - set(MAY_CHANGE)
+    here = flatten({key: value for key, value in ours.items() if key in wanted})
+    there = flatten({key: value for key, value in state.get("config", {}).items() if key in wanted})
+    different = [
+        f"{key} ({there.get(key)!r} there, {here.get(key)!r} here)"
+        for key in sorted(here.keys() | there.keys())
+        if here.get(key) != there.get(key)
+    ]
+    if different:
+        raise RunDirError(f"{path} is of another run or configuration: {', '.join(different[:4])}")
+
+
+@contextmanager
+def fitting(path: Path) -> Iterator[None]:
+    """Turn what torch and plugins raise on foreign state into one line about ``path``.
+
+    Raises:
+        RunDirError: the state does not fit.
+    """
+    try:
+        yield
+    except (KeyError, ValueError, RuntimeError, TypeError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise RunDirError(f"{path} does not fit this run: {type(error).__name__}: {reason}") from error

@@ -1,0 +1,206 @@
+"""One stretch of training: iterations, checkpoints, recorders, signals, and the score at the end."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import FrameType
+from typing import Any, Literal
+
+from pydantic import BaseModel
+
+from apil_core import checkpoint
+from apil_core.build import victim_name
+from apil_core.errors import ApilError
+from apil_core.evaluation import EvaluationResult
+from apil_core.files import sha256
+from apil_core.plugins import PluginRegistry
+from apil_core.progress import Progress
+from apil_core.rundir import RunDir
+from apil_core.specs import load
+from apil_core.torch_threads import one_torch_thread
+from apil_core.trainer import Trainer
+
+
+class RunResult(BaseModel):
+    """How a run ended."""
+
+    run_dir: Path
+    status: Literal["finished", "interrupted"]
+    steps: int
+    wall_seconds: float
+    evaluation: EvaluationResult | None = None
+
+
+class Session:
+    """One stretch of a run between start and finish, Ctrl-C or crash."""
+
+    def __init__(self, trainer: Trainer, run_dir: RunDir, progress: Progress, plugins: PluginRegistry):
+        self.trainer = trainer
+        self.run_dir = run_dir
+        self.progress = progress
+        self.config = trainer.config
+        self.recorders = [
+            load(plugins.recorders[name].factory)(run_dir.path) for name in self.config.recorders
+        ]
+        self.victim = victim_name(self.config, plugins)
+        self._saved_iteration = -1
+        self._stop = False
+
+    def go(self) -> RunResult:
+        """Train until the budget is used up or somebody stops it; always leaves a checkpoint."""
+        trainer, hooks = self.trainer, self.trainer.attack.hooks
+        self.progress.started(self.config, self.run_dir.path, self.victim, trainer.steps)
+        status: Literal["finished", "interrupted"] = "interrupted"
+        evaluation = None
+        try:
+            with hooks.attribution(), self._stop_on_signal(), one_torch_thread():
+                hooks.hook.run_started(run=trainer)
+                while not trainer.finished and not self._stop:
+                    self._iteration()
+                self.save()
+                if trainer.finished and not self._stop:
+                    evaluation = self._final_evaluation()
+                    hooks.hook.run_finished(run=trainer)
+                    status = "finished"
+        except _Stopped:
+            pass  # in the final evaluation: the checkpoint is written already
+        except Exception as error:
+            self._note_failure(error)
+            raise
+        finally:
+            self._close()
+        return self._result(status, evaluation)
+
+    def _iteration(self) -> None:
+        trainer = self.trainer
+        before = trainer.steps
+        metrics = trainer.iterate()
+        try:
+            self._report(before, metrics)
+        except Exception:
+            with suppress(ApilError):
+                self.save()  # the iteration itself is sound: keep it
+            raise
+        if trainer.iteration % self.config.checkpoint.every_iterations == 0:
+            self.save()
+
+    def _report(self, before: int, metrics: dict[str, float]) -> None:
+        """Evaluate if it is time to, and tell recorders, people and hooks of the iteration."""
+        trainer = self.trainer
+        every = self.config.evaluation.every_steps
+        if every and before // every < trainer.steps // every:
+            with suppress(_Stopped):
+                result = self._evaluate(self.config.evaluation.periodic_episodes)
+                metrics.update(_evaluation_metrics(result))
+        for recorder in self.recorders:
+            recorder.record(metrics)
+        self.progress.iteration(metrics)
+        trainer.hook.iteration_finished(run=trainer, metrics=metrics)
+
+    def save(self) -> None:
+        """Write a checkpoint of this iteration boundary (once) and drop the oldest."""
+        iteration = self.trainer.iteration
+        if self._saved_iteration == iteration:
+            return
+        checkpoint.save(self.run_dir.checkpoint_path(iteration), self.trainer.state_dict())
+        self._saved_iteration = iteration
+        self.run_dir.prune(self.config.checkpoint.keep)
+
+    def _note_failure(self, error: Exception) -> None:
+        newest = self.run_dir.checkpoints()
+        where = f"; continue from the last checkpoint with: apil resume {self.run_dir.path}" if newest else ""
+        message = f"stopped after {self.trainer.iteration} whole iterations by an error{where}"
+        self.progress.note(message)
+        with suppress(ApilError):
+            self.run_dir.write_json(
+                self.run_dir.result_path,
+                {"status": "failed", "steps": self.trainer.steps, "error": str(error)},
+            )
+
+    def _evaluate(self, episodes: int, **identity: str) -> EvaluationResult:
+        result = self.trainer.evaluate(episodes, _StoppableProgress(self), **identity)
+        self.progress.evaluation(result, self.trainer.steps)
+        return result
+
+    def _final_evaluation(self) -> EvaluationResult | None:
+        episodes = self.config.evaluation.episodes
+        if not episodes:
+            return None
+        path = self.run_dir.checkpoint_path(self.trainer.iteration)
+        return self._evaluate(episodes, name=f"run:{self.run_dir.path}", sha256=sha256(path))
+
+    def _result(
+        self, status: Literal["finished", "interrupted"], evaluation: EvaluationResult | None
+    ) -> RunResult:
+        result = RunResult(
+            run_dir=self.run_dir.path,
+            status=status,
+            steps=self.trainer.steps,
+            wall_seconds=self.trainer.wall_seconds,
+            evaluation=evaluation,
+        )
+        self.run_dir.write_json(self.run_dir.result_path, result.model_dump(mode="json"))
+        return result
+
+    def _close(self) -> None:
+        for recorder in self.recorders:
+            with suppress(OSError, ApilError):  # what went wrong was told when it was written
+                recorder.close()
+        self.progress.finished(self.run_dir.path)
+        self.trainer.attack.game.close()
+
+    @contextmanager
+    def _stop_on_signal(self) -> Iterator[None]:
+        """First Ctrl-C (or SIGTERM): finish the iteration, checkpoint, return. Second: at once."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+
+        def handle(number: int, frame: FrameType | None) -> None:
+            if self._stop:
+                raise KeyboardInterrupt
+            self._stop = True
+            with suppress(RuntimeError):  # the signal may have come in the middle of a print
+                self.progress.note("stopping after this iteration, with a checkpoint (once more: at once)")
+
+        previous = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, old in previous.items():
+                signal.signal(number, old)
+
+
+class _Stopped(Exception):  # noqa: N818  (no error: the user asked for it)
+    """Ctrl-C during an evaluation."""
+
+
+class _StoppableProgress(Progress):
+    """Passes an evaluation's progress on, and breaks it off when the session is to stop."""
+
+    def __init__(self, session: Session):
+        self._session = session
+
+    def evaluation_progress(self, done: int, total: int) -> None:
+        if self._session._stop:
+            raise _Stopped
+        self._session.progress.evaluation_progress(done, total)
+
+
+def _evaluation_metrics(result: EvaluationResult) -> dict[str, float]:
+    rates: dict[str, Any] = {
+        "win": result.win_rate,
+        "tie": result.tie_rate,
+        "loss": result.loss_rate,
+        "win_or_tie": result.win_or_tie_rate,
+    }
+    metrics: dict[str, float] = {"evaluation/episodes": result.episodes}
+    for name, rate in rates.items():
+        metrics[f"evaluation/{name}"] = rate.value
+        metrics[f"evaluation/{name}_low"] = rate.low
+        metrics[f"evaluation/{name}_high"] = rate.high
+    return metrics
