@@ -124,14 +124,15 @@ def load_resolved(path: Path) -> RunConfig:
     layer = file_layer(Path(path))
     data, origins = merge({}, [layer])
     check_version(data, origins)
-    missing = [key for key in _IDENTITY if key not in data]
-    if missing:
-        raise ConfigError(f"{path}: incomplete, lacks {', '.join(missing)}: damaged, or not stored by a run")
     try:
-        return RunConfig.model_validate(data)
+        config = RunConfig.model_validate(data)
     except ValidationError as error:
         raise_problems(problems_of(error, RunConfig), origins)
         raise
+    missing = [key for key in _IDENTITY if key not in data]
+    if missing:
+        raise ConfigError(f"{path}: incomplete, lacks {', '.join(missing)}: damaged, or not stored by a run")
+    return config
 
 
 def check_version(data: Mapping[str, Any], origins: Mapping[Key, str]) -> None:

@@ -77,7 +77,7 @@ def test_every_mistake_in_a_file_is_reported_with_its_line(registry: PluginRegis
         ("device=gpu", "unknown device 'gpu' (did you mean 'cpu'? known: cpu, cuda, cuda:N)"),
         ("observers=[nobody]", "observers.0: unknown plugin 'nobody'"),
         ("version=2", "is 2, newer than this apil understands (1): upgrade apil"),
-        ("ppo.minibatches=99999", "ppo.minibatches (99999) exceeds num_envs × ppo.num_steps (16384)"),
+        ("ppo.minibatches=99999", "num_envs × ppo.num_steps (16384) must hold at least two samples"),
     ],
 )
 def test_a_wrong_set_is_quoted(registry: PluginRegistry, assignment: str, rest: str) -> None:

@@ -39,3 +39,13 @@ def test_training_raises_the_win_rate(tmp_path, method):
         ):
             gains = [sign * (m[f"apil/{ours}"] - m[f"apil/{constant}"]) for m in last]
             assert min(gains) > 0, f"{ours} is no better than the best constant: {gains}"
+
+
+@pytest.mark.slow
+def test_the_discriminator_does_not_saturate_at_the_default_epochs(tmp_path):
+    """At a step size of 3e-4 it called everything the victim's for good, and the imitator ran away."""
+    config = small_config("apil", steps=45 * 4096, num_envs=64, ppo={"num_steps": 64})
+    run(config, out=tmp_path / "r")
+    last = [json.loads(x) for x in (tmp_path / "r" / "metrics.jsonl").read_text().splitlines()][-5:]
+    assert min(m["apil/discriminator_accuracy_imitator"] for m in last) > 0.2
+    assert max(m["apil/mse"] / m["apil/constant_mse"] for m in last) < 1.2
