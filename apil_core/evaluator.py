@@ -11,6 +11,7 @@ from apil_core import checkpoint
 from apil_core.build import adversary_policy, check_device, load_victim, victim_name, victim_side
 from apil_core.checkpoint_fit import POLICY_KEYS, check_same_run, fitting
 from apil_core.config import ActionMode, RunConfig
+from apil_core.config_io import complete
 from apil_core.errors import ConfigError, RunDirError
 from apil_core.evaluation import MAX_PARALLEL_GAMES, EvaluationResult, score
 from apil_core.files import sha256
@@ -68,6 +69,8 @@ def evaluate(
     check_device(device)
     run_dir, config = _config(adversary, env)
     plugins = plugins or _plugins(config, plugin_files)
+    if run_dir is None:
+        config = complete(config, plugins)  # so that the score names every option of the game
     config = _adjust(config, victim, device, adversary_actions, victim_actions, game_options)
     side = 1 - victim_side(config, plugins)
     game = make_game(

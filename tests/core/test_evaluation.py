@@ -119,6 +119,12 @@ def test_short_games_are_not_over_represented(slots, episodes):
     assert sorted(set(tally.lengths)) == [2, 30]
 
 
+def test_a_score_of_a_named_policy_names_every_game_option():
+    result = evaluate("baseline:random/7x2", env="toy-pursuit", episodes=5)
+    assert "max_steps" in result.game_options
+    assert result.adversary.name == "baseline:random/7x2"
+
+
 def test_the_games_own_baseline_can_be_scored():
     game = make_game("toy-pursuit", num_envs=4)
     assert game.layout.sides[0].name
