@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+# before torch is imported: two test workers with a thread pool each would fight for two cores
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 import pytest
 
 
