@@ -12,7 +12,8 @@ from pydantic import BaseModel
 
 from apil_core.config import ActionMode, RunConfig
 from apil_core.game import Game
-from apil_core.play import Filter, Seat, Tally, play
+from apil_core.observation_filter import ObservationFilter
+from apil_core.play import Seat, Tally, play
 from apil_core.policy import Policy
 from apil_core.progress import Progress
 from apil_core.run_hooks import RunHookManager
@@ -118,7 +119,7 @@ def score(
         episodes,
         adversary_side=adversary_side,
         device=device,
-        observation_filter=Filter(hooks, adversary_side, contexts),
+        observation_filter=ObservationFilter(hooks, contexts),
         on_progress=lambda ended: progress.evaluation_progress(ended, episodes),
     )
     counts = _counts(tally, game, adversary_side)

@@ -21,6 +21,7 @@ from apil_core.errors import PluginError
 from apil_core.game import Game, GameStep
 from apil_core.method import Run
 from apil_core.normalize import ReturnNormalizer
+from apil_core.observation_filter import ObservationFilter
 from apil_core.policy import Policy
 from apil_core.rewards import annealing, training_reward
 from apil_core.rollout_buffer import RolloutBuffer
@@ -100,7 +101,7 @@ class AttackEnv:
             "adversary": self._context("adversary", adversary_side, generators["method"]),
             "victim": self._context("victim", 1 - adversary_side, generators["victim"]),
         }
-        self._filters = hooks.fills("filter_observation")
+        self._filter = ObservationFilter(hooks, {c.side: c for c in self.contexts.values()})
         self._shapes = learning and hooks.fills("shape_reward")
         self._pending: Pending | None = None
 
@@ -163,14 +164,7 @@ class AttackEnv:
         self._pending = Pending(own, opponent, first, victim, groups, observations)
 
     def _side(self, side: int) -> Tensor:
-        observation = torch.from_numpy(self.game.observations[side]).to(self.device)
-        if self._filters:
-            context = self.contexts["adversary" if side == self.side else "victim"]
-            filtered = self.hooks.hook.filter_observation(context=context, side=side, obs=observation)
-            if filtered is not None:
-                shape = tuple(observation.shape)
-                return self.hooks.checked("filter_observation", "", filtered, shape)
-        return observation
+        return self._filter(side, torch.from_numpy(self.game.observations[side]).to(self.device))
 
     def _step_batch(self, pending: Pending, actions: Tensor, result: GameStep) -> StepBatch:
         seats = [self.side, 1 - self.side]

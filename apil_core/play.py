@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from apil_core.game import Game
+from apil_core.observation_filter import ObservationFilter
 from apil_core.policy import Policy
-from apil_core.run_hooks import RunHookManager
-from apil_core.types import Context, View
+from apil_core.types import View
 
 
 @dataclass
@@ -45,25 +45,6 @@ class Tally:
     lengths: list[int] = field(default_factory=list)
 
 
-class Filter:
-    """Applies a run's ``filter_observation`` hooks outside of training."""
-
-    def __init__(self, hooks: RunHookManager | None, adversary_side: int, contexts: dict[int, Context]):
-        self._hooks = hooks if hooks is not None and hooks.fills("filter_observation") else None
-        self._contexts = contexts
-        self.adversary_side = adversary_side
-
-    def __call__(self, side: int, observation: Tensor) -> Tensor:
-        """What ``side`` gets to see of its observation (n, o)."""
-        if self._hooks is None:
-            return observation
-        context = self._contexts[side]
-        filtered = self._hooks.hook.filter_observation(context=context, side=side, obs=observation)
-        if filtered is None:
-            return observation
-        return self._hooks.checked("filter_observation", "", filtered, tuple(observation.shape))
-
-
 @torch.inference_mode()
 def play(
     game: Game,
@@ -72,7 +53,7 @@ def play(
     *,
     adversary_side: int,
     device: torch.device,
-    observation_filter: Filter | None = None,
+    observation_filter: ObservationFilter | None = None,
     on_progress: Callable[[int], None] | None = None,
 ) -> Tally:
     """Play exactly ``episodes`` games and count how they ended.
@@ -123,7 +104,7 @@ def _act(
     order: tuple[int, int],
     first: Tensor,
     device: torch.device,
-    observation_filter: Filter | None,
+    observation_filter: ObservationFilter | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     seen = [torch.from_numpy(observation).to(device) for observation in game.observations]
     if observation_filter is not None:

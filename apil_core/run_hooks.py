@@ -73,9 +73,7 @@ class RunHookManager:
         fillers = [impl.plugin_name for impl in getattr(self.manager.hook, hook).get_hookimpls()]
         return PluginError(f"{hook} (filled by {', '.join(fillers)}): {text}")
 
-    def checked(
-        self, hook: str, name: str, value: Any, shape: tuple[int, ...], *, finite: bool = True
-    ) -> Tensor:
+    def checked(self, hook: str, name: str, value: Any, shape: tuple[int, ...]) -> Tensor:
         """``value`` if it is a float32 tensor of that shape without NaN or infinities.
 
         Raises:
