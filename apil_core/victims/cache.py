@@ -21,6 +21,8 @@ from apil_core.errors import VictimError
 from apil_core.victims.catalogue import ZooEntry
 from apil_core.victims.layout import Vector, join, tensor_shapes
 
+_SEAL = "metadata_sha256"
+
 
 def cache_dir() -> Path:
     """Where converted agents are kept: ``$APIL_CACHE``, or the user's cache folder. Not created here."""
@@ -36,7 +38,7 @@ def cached_file(entry: ZooEntry) -> Path:
 def write(entry: ZooEntry, tensors: Mapping[str, Vector], metadata: dict[str, str]) -> None:
     """Store an agent under its name; readers see the old file or the new one, never half of one."""
     target = cached_file(entry)
-    content = save(dict(tensors), metadata)
+    content = save(dict(tensors), {**metadata, _SEAL: _seal(metadata)})
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=target.parent, suffix=".part", delete=False) as part:
@@ -78,6 +80,8 @@ def _verify(entry: ZooEntry, tensors: Mapping[str, Vector], metadata: Mapping[st
     found = {name: (part.shape, part.dtype.name) for name, part in tensors.items()}
     if found != {name: (shape, "float32") for name, shape in shapes.items()}:
         raise _damaged(entry, "its tensors are not those of this agent")
+    if metadata.get(_SEAL) != _seal(metadata):
+        raise _damaged(entry, "its metadata was changed")
     try:
         head, tail = (bytes.fromhex(metadata[key]) for key in ("pickle_head", "pickle_tail"))
     except (KeyError, ValueError):
@@ -87,6 +91,12 @@ def _verify(entry: ZooEntry, tensors: Mapping[str, Vector], metadata: Mapping[st
     ).hexdigest()
     if actual != entry.sha256:
         raise _damaged(entry, f"its content gives SHA-256 {actual}, expected {entry.sha256}")
+
+
+def _seal(metadata: Mapping[str, str]) -> str:
+    """SHA-256 of all other metadata: where a file came from must be as sure as what is in it."""
+    rest = sorted((key, value) for key, value in metadata.items() if key != _SEAL)
+    return hashlib.sha256(repr(rest).encode()).hexdigest()
 
 
 def _damaged(entry: ZooEntry, reason: str) -> VictimError:
