@@ -23,13 +23,15 @@ _HOMES = {
     ),
     "apil_core.specs": (
         "GameSpec",
+        "Matchup",
         "MethodSpec",
         "PolicyListing",
         "PolicySpec",
+        "PublishedScore",
         "RecorderSpec",
         "RewardWeights",
     ),
-    "apil_core.game": ("NO_WINNER", "Game", "GameLayout", "GameStep", "SideLayout"),
+    "apil_core.game": ("NO_WINNER", "Colour", "Game", "GameLayout", "GameStep", "SideLayout", "Window"),
     "apil_core.views": ("OpponentInsideEnv", "ParallelGameEnv"),
     "apil_core.types": ("Context", "Decision", "DiagonalGaussian", "Rollout", "StepBatch", "View"),
     "apil_core.policy": ("Policy", "PolicyInfo"),
@@ -49,6 +51,8 @@ _HOMES = {
     "apil_core.evaluator": ("evaluate",),
     "apil_core.runner": ("RunResult", "resume", "run"),
     "apil_core.registry": ("load_policy", "make_game"),
+    "apil_core.pettingzoo_game.options": ("PettingZooOptions",),
+    "apil_core.pettingzoo_game.plugin": ("pettingzoo_spec",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -83,10 +87,12 @@ if TYPE_CHECKING:
     from apil_core.evaluation import EvaluationResult as EvaluationResult
     from apil_core.evaluator import evaluate as evaluate
     from apil_core.game import NO_WINNER as NO_WINNER
+    from apil_core.game import Colour as Colour
     from apil_core.game import Game as Game
     from apil_core.game import GameLayout as GameLayout
     from apil_core.game import GameStep as GameStep
     from apil_core.game import SideLayout as SideLayout
+    from apil_core.game import Window as Window
     from apil_core.hooks import hookimpl as hookimpl
     from apil_core.hooks import hookspec as hookspec
     from apil_core.method import Method as Method
@@ -96,6 +102,8 @@ if TYPE_CHECKING:
     from apil_core.networks import mlp as mlp
     from apil_core.normalize import ObservationNormalizer as ObservationNormalizer
     from apil_core.normalize import ReturnNormalizer as ReturnNormalizer
+    from apil_core.pettingzoo_game.options import PettingZooOptions as PettingZooOptions
+    from apil_core.pettingzoo_game.plugin import pettingzoo_spec as pettingzoo_spec
     from apil_core.policy import Policy as Policy
     from apil_core.policy import PolicyInfo as PolicyInfo
     from apil_core.registry import load_policy as load_policy
@@ -106,9 +114,11 @@ if TYPE_CHECKING:
     from apil_core.runner import resume as resume
     from apil_core.runner import run as run
     from apil_core.specs import GameSpec as GameSpec
+    from apil_core.specs import Matchup as Matchup
     from apil_core.specs import MethodSpec as MethodSpec
     from apil_core.specs import PolicyListing as PolicyListing
     from apil_core.specs import PolicySpec as PolicySpec
+    from apil_core.specs import PublishedScore as PublishedScore
     from apil_core.specs import RecorderSpec as RecorderSpec
     from apil_core.specs import RewardWeights as RewardWeights
     from apil_core.types import Context as Context

@@ -74,14 +74,21 @@ def victim_side(config: RunConfig, plugins: PluginRegistry) -> int:
     return spec.victim_side if config.victim_side is None else config.victim_side
 
 
+BASELINES = ("random", "zero")
+"""Names without a scheme: the baseline of that kind in the seat's sizes."""
+
+
 def load_victim(name: str, game: Game, side: int, device: str, plugins: PluginRegistry) -> Policy:
-    """Load a policy for that seat and check that it fits.
+    """Load a policy for that seat and check that it fits; see :data:`BASELINES` for short names.
 
     Raises:
         ConfigError: its sizes are not the seat's.
     """
+    seat = game.layout.sides[side]
+    if name in BASELINES:
+        name = f"baseline:{name}/{seat.observation_size}x{seat.action_size}"
     policy = load_policy(name, device=device, plugins=plugins)
-    seat, info = game.layout.sides[side], policy.info
+    info = policy.info
     if (info.observation_size, info.action_size) != (seat.observation_size, seat.action_size):
         raise ConfigError(
             f"{name} takes {info.observation_size} observations and gives {info.action_size} actions, "

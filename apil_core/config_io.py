@@ -12,12 +12,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import ValidationError, create_model
 
-from apil_core.config import SCHEMA_VERSION, RunConfig
+from apil_core.config import SCHEMA_VERSION, RunConfig, Section
 from apil_core.config_errors import Problem, problems_of, raise_problems, unknown_name
 from apil_core.config_layers import Key, Layer, file_layer, flag_layer, merge, preset_layer, set_layer
-from apil_core.config_models import full_model
+from apil_core.config_models import NoOptions, full_model, options_model
 from apil_core.config_yaml import dump_yaml as dump_yaml
 from apil_core.errors import ConfigError, suggest
 from apil_core.plugins import PluginRegistry, names
@@ -99,7 +99,7 @@ def resolve_layers(layers: Sequence[Layer], plugins: PluginRegistry) -> RunConfi
     except ValidationError as error:
         problems += problems_of(error, model)
     raise_problems(problems, origins)
-    return _complete(validated, plugins.games[validated.env])
+    return _complete(validated, plugins.game(validated.env))
 
 
 def complete(config: RunConfig, plugins: PluginRegistry) -> RunConfig:
@@ -113,6 +113,39 @@ def complete(config: RunConfig, plugins: PluginRegistry) -> RunConfig:
     data["plugins"] = [str(Path(path).resolve()) for path in config.plugins]
     data["init_from"] = None if config.init_from is None else str(config.init_from.resolve())
     return resolve_layers([Layer(data, {(key,): "RunConfig" for key in data})], plugins)
+
+
+def with_game_options(
+    config: RunConfig,
+    plugins: PluginRegistry,
+    options: Mapping[str, Any] | None = None,
+    sets: Sequence[str] = (),
+) -> RunConfig:
+    """A copy of ``config`` with single options of its game changed, and all of them spelt out.
+
+    Nothing but the section ``game`` is looked at: the rest of a stored config stays as it was.
+
+    Args:
+        config: names the game.
+        plugins: know the game's model.
+        options: values by option.
+        sets: ``game.KEY=VALUE`` texts; they have the last word.
+
+    Raises:
+        ConfigError: one line per mistake.
+    """
+    reference = plugins.game(config.env).config
+    model = create_model(
+        "Settings", __base__=Section, game=(options_model(reference) if reference else NoOptions, ...)
+    )
+    given = Layer({"game": dict(options or {})}, {("game", key): "game_options" for key in options or {}})
+    data, origins = merge({"game": config.game}, [given, *map(set_layer, sets)])
+    try:
+        checked = model.model_validate(data)
+    except ValidationError as error:
+        raise_problems(problems_of(error, model), origins)
+        raise
+    return config.model_copy(update=checked.model_dump(mode="json"), deep=True)
 
 
 def load_resolved(path: Path) -> RunConfig:
@@ -168,15 +201,16 @@ def differences(a: RunConfig, b: RunConfig) -> dict[str, tuple[Any, Any]]:
 def _unknown_names(data: Mapping[str, Any], plugins: PluginRegistry) -> list[Problem]:
     named: dict[str, tuple[str, list[str]]] = {
         "method": ("method", list(plugins.methods)),
-        "env": ("game", list(plugins.games)),
+        "env": ("game", plugins.game_names()),
         "recorders": ("recorder", list(plugins.recorders)),
         "observers": ("plugin", names(plugins.records)),
     }
     problems = []
     for key, (kind, known) in named.items():
         value = data[key]
-        if isinstance(value, str) and value not in known and key in ("method", "env"):
-            problems.append(unknown_name((key,), kind, value, known))
+        if isinstance(value, str):
+            fine = plugins.has_game(value) if key == "env" else key != "method" or value in known
+            problems += [] if fine else [unknown_name((key,), kind, value, known)]
         elif isinstance(value, (list, tuple)):
             strangers = [(i, str(name)) for i, name in enumerate(value) if name not in known]
             problems += [unknown_name((key, i), kind, name, known) for i, name in strangers]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -30,7 +31,7 @@ def full_model(
     sections: Any = {spec.name: (options_model(spec.config), ...) for spec in methods if spec.config}
     fields: Any = {"options": _field("options", create_model("MethodOptions", __base__=Section, **sections))}
     if env is not None:
-        reference = plugins.games[env].config
+        reference = plugins.game(env).config
         fields["game"] = _field("game", options_model(reference) if reference else NoOptions)
     return create_model("RunConfig", __base__=RunConfig, **fields)
 
@@ -57,8 +58,17 @@ def json_schema(plugins: PluginRegistry, method: str | None = None) -> dict[str,
         if section.get("title") == "MethodOptions":
             section.pop("required", None)
     schema["properties"]["method"]["enum"] = [method] if method else sorted(plugins.methods)
-    schema["properties"]["env"]["enum"] = sorted(plugins.games)
+    schema["properties"]["env"].update(_game_schema(plugins))
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+def _game_schema(plugins: PluginRegistry) -> dict[str, Any]:
+    """The names of games as JSON Schema: a list, and a pattern for each family if there are any."""
+    specs = plugins.games.values()
+    known = {"enum": sorted(spec.name for spec in specs if not spec.family)}
+    families = sorted(re.escape(spec.name) for spec in specs if spec.family)
+    patterns = [{"type": "string", "pattern": f"^{name}:."} for name in families]
+    return {"anyOf": [known, *patterns]} if patterns else known
 
 
 def _field(name: str, model: type[BaseModel]) -> tuple[type[BaseModel], Any]:

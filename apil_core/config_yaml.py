@@ -22,7 +22,7 @@ def dump_yaml(config: RunConfig, plugins: PluginRegistry | None = None) -> str:
         plugins: also comments the options of methods and game.
     """
     model: type[BaseModel] = type(config)
-    if plugins is not None and config.method in plugins.methods and config.env in plugins.games:
+    if plugins is not None and config.method in plugins.methods and plugins.has_game(config.env):
         model = full_model(plugins, plugins.method_chain(config.method), config.env)
     yaml = YAML()
     yaml.width = 1000  # never fold a value

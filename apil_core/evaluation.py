@@ -7,18 +7,17 @@ from collections import Counter
 from importlib import metadata
 from typing import Any
 
-import torch
 from pydantic import BaseModel
 
-from apil_core.config import ActionMode, RunConfig
+from apil_core.blinding import BlindMode, make_blinding
+from apil_core.config import ActionMode
 from apil_core.game import Game
-from apil_core.observation_filter import ObservationFilter
-from apil_core.play import Seat, Tally, play
-from apil_core.policy import Policy
+from apil_core.pairing import Pairing
+from apil_core.play import Tally, play
 from apil_core.progress import Progress
-from apil_core.run_hooks import RunHookManager
-from apil_core.seeds import stream_generator, stream_seed
-from apil_core.types import Context
+from apil_core.seeds import stream_seed
+
+_PACKAGES = ("apil", "mujoco", "torch", "numpy")
 
 MAX_PARALLEL_GAMES = 128
 """Slots of an evaluation unless asked otherwise. Fixed, so that a seed gives the same games anywhere."""
@@ -61,6 +60,8 @@ class EvaluationResult(BaseModel):
     victim_actions: ActionMode
     seed: int
     num_envs: int
+    blind: BlindMode | None = None
+    blind_imitator: bool = False
     trained_steps: int | None = None
     game_options: dict[str, Any]
     versions: dict[str, str]
@@ -77,16 +78,12 @@ def wilson(count: int, total: int) -> Rate:
 
 
 def score(
-    game: Game,
-    adversary: Policy,
-    victim: Policy,
+    pairing: Pairing,
     *,
-    config: RunConfig,
-    adversary_side: int,
     episodes: int,
     seed: int,
-    hooks: RunHookManager | None = None,
-    trained_steps: int | None = None,
+    blind: BlindMode | None = None,
+    blind_imitator: bool = False,
     progress: Progress | None = None,
 ) -> EvaluationResult:
     """Play ``episodes`` games and summarise them.
@@ -94,51 +91,46 @@ def score(
     Uses no global randomness: a seed gives the same games at any number of threads.
 
     Args:
-        game: its generator is reseeded.
-        config: gives the action modes (``config.evaluation``), the game's name and options.
-        hooks: of the adversary's run; its ``filter_observation`` hooks apply here too.
+        pairing: who plays what; the game's generator is reseeded.
+        episodes: number of games.
+        seed: of the games and all draws.
+        blind, blind_imitator: see :func:`apil_core.blinding.make_blinding`.
+        progress: told of the games played.
     """
     begin = time.perf_counter()
     progress = progress or Progress()
-    game.seed(stream_seed(seed, "evaluation games"))
-    device = torch.device(config.device)
-    modes = config.evaluation
-    seats: dict[int, Seat] = {}
-    contexts: dict[int, Context] = {}
-    for side, policy, mode in (
-        (adversary_side, adversary, modes.adversary_actions),
-        (1 - adversary_side, victim, modes.victim_actions),
-    ):
-        generator = stream_generator(seed, f"evaluation seat {side}", device)
-        seats[side] = Seat(policy, mode == "sample", generator)
-        role = "adversary" if side == adversary_side else "victim"
-        contexts[side] = Context(side, role, "eval", device, generator)  # type: ignore[arg-type]
-    tally = play(
-        game,
-        (seats[0], seats[1]),
-        episodes,
-        adversary_side=adversary_side,
-        device=device,
-        observation_filter=ObservationFilter(hooks, contexts),
-        on_progress=lambda ended: progress.evaluation_progress(ended, episodes),
-    )
-    counts = _counts(tally, game, adversary_side)
+    players = pairing.players(seed)
+    if blind is not None:
+        players.blinding = make_blinding(pairing, blind, imitator=blind_imitator)
+    pairing.game.seed(stream_seed(seed, "evaluation games"))
+    tally = play(pairing.game, players, episodes, lambda ended: progress.evaluation_progress(ended, episodes))
     return EvaluationResult(
-        **counts,
-        env=config.env,
-        adversary=PolicyId(name=adversary.info.name, sha256=adversary.info.sha256),
-        victim=PolicyId(name=victim.info.name, sha256=victim.info.sha256),
-        adversary_side=game.layout.sides[adversary_side].name,
-        victim_side=game.layout.sides[1 - adversary_side].name,
-        adversary_actions=modes.adversary_actions,
-        victim_actions=modes.victim_actions,
+        **_counts(tally, pairing.game, pairing.side),
+        **_circumstances(pairing),
         seed=seed,
-        num_envs=game.num_envs,
-        trained_steps=trained_steps,
-        game_options=config.game,
-        versions={name: metadata.version(name) for name in ("apil", "mujoco", "torch", "numpy")},
+        blind=blind,
+        blind_imitator=blind_imitator,
         wall_seconds=time.perf_counter() - begin,
     )
+
+
+def _circumstances(pairing: Pairing) -> dict[str, Any]:
+    """What a score depends on, apart from the games played."""
+    config, sides = pairing.config, pairing.game.layout.sides
+    adversary, victim = pairing.adversary.info, pairing.victim.info
+    return {
+        "env": config.env,
+        "adversary": PolicyId(name=adversary.name, sha256=adversary.sha256),
+        "victim": PolicyId(name=victim.name, sha256=victim.sha256),
+        "adversary_side": sides[pairing.side].name,
+        "victim_side": sides[1 - pairing.side].name,
+        "adversary_actions": config.evaluation.adversary_actions,
+        "victim_actions": config.evaluation.victim_actions,
+        "num_envs": pairing.game.num_envs,
+        "trained_steps": pairing.steps,
+        "game_options": config.game,
+        "versions": {name: metadata.version(name) for name in (*_PACKAGES, *pairing.game.packages)},
+    }
 
 
 def _counts(tally: Tally, game: Game, adversary_side: int) -> dict[str, Any]:

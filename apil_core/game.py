@@ -13,7 +13,12 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from apil_core.errors import ApilError
+
 Array = NDArray[Any]
+
+Colour = tuple[int, int, int]
+"""Red, green and blue, 0–255."""
 
 NO_WINNER = -1
 """Value of :attr:`GameStep.winner` for a tie, and for a game that goes on."""
@@ -78,6 +83,23 @@ class GameStep:
     lengths: Array
 
 
+class Window(ABC):
+    """A game on the screen."""
+
+    @property
+    @abstractmethod
+    def is_open(self) -> bool:
+        """Whether the user has not closed it."""
+
+    @abstractmethod
+    def show(self, caption: str) -> None:
+        """Draw the game as it stands, with that text."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close it; closing twice is fine."""
+
+
 class Game(ABC):
     """``num_envs`` independent games of one kind.
 
@@ -87,6 +109,13 @@ class Game(ABC):
 
     layout: GameLayout
     num_envs: int
+    seconds_per_step: float = 0.05
+    """Time that a control step stands for, s; it decides how fast a video plays."""
+
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """Distributions this game's rules come from; their versions are stored with every score."""
+        return ()
 
     @abstractmethod
     def seed(self, seed: int) -> None:
@@ -126,6 +155,30 @@ class Game(ABC):
     @abstractmethod
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore what :meth:`state_dict` gave, on a game made with the same arguments."""
+
+    def render(self, row: int, width: int, height: int, colours: tuple[Colour, Colour]) -> Array:
+        """Draw one game as it stands; changes nothing in it.
+
+        Args:
+            row: which game.
+            width, height: of the picture, pixels.
+            colours: of side 0 and 1.
+
+        Returns:
+            (height, width, 3) uint8.
+
+        Raises:
+            ApilError: this game cannot be drawn, or not on this machine.
+        """
+        raise ApilError(f"{type(self).__name__} cannot be drawn: it has no render()")
+
+    def open_window(self, row: int, colours: tuple[Colour, Colour]) -> Window:
+        """Show one game on the screen.
+
+        Raises:
+            ApilError: this game has no window, or this machine no screen.
+        """
+        raise ApilError(f"{type(self).__name__} has no window of its own")
 
     def close(self) -> None:  # noqa: B027  (optional)
         """Release threads, processes or windows."""

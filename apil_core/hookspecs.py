@@ -49,17 +49,19 @@ class RunHooks:
     def run_finished(self, run: Run) -> None:
         """The last iteration is over and its checkpoint written."""
 
-    @hookspec(firstresult=True)
+    @hookspec
     def filter_observation(self, context: Context, side: int, obs: Tensor) -> Tensor | None:
-        """Change what a side sees (blinding, masking, defences); per vectorised step, before anyone acts.
+        """Change what a side sees (noise, masking, defences); per vectorised step, before anyone acts.
+
+        Filters follow one another in order of registration: required methods, the method, observers.
 
         Args:
             context: ``context.side`` equals ``side``.
             side: 0 or 1.
-            obs: that side's observation, shape (n, o); do not modify it.
+            obs: that side's observation as the last filter left it, shape (n, o); do not modify it.
 
         Returns:
-            the observation that side gets, shape (n, o), or ``None`` to leave it to others.
+            the observation the next filter or that side gets, shape (n, o), or ``None``: unchanged.
         """
 
     @hookspec

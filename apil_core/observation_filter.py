@@ -11,15 +11,19 @@ from apil_core.types import Context
 
 
 class ObservationFilter:
-    """Asks the hooks, if any plugin fills them, and checks what they return; the same in training and play.
+    """The filters one after the other, each given what the last one left; the same in training and play.
 
     Args:
         hooks: of the adversary's run, or ``None`` where there is no run.
         contexts: for whom each side's observation is, by side.
+
+    Raises:
+        PluginError: a plugin wraps the hook.
     """
 
     def __init__(self, hooks: RunHookManager | None, contexts: Mapping[int, Context]):
-        self._hooks = hooks if hooks is not None and hooks.fills("filter_observation") else None
+        self._hooks = hooks
+        self._filters = {} if hooks is None else hooks.callers("filter_observation")
         self._contexts = contexts
 
     def __call__(self, side: int, observation: Tensor) -> Tensor:
@@ -28,10 +32,9 @@ class ObservationFilter:
         Raises:
             PluginError: a hook returned something else.
         """
-        if self._hooks is None:
-            return observation
-        context = self._contexts[side]
-        filtered = self._hooks.hook.filter_observation(context=context, side=side, obs=observation)
-        if filtered is None:
-            return observation
-        return self._hooks.checked("filter_observation", "", filtered, tuple(observation.shape))
+        for name, ask in self._filters.items():
+            for filtered in ask(context=self._contexts[side], side=side, obs=observation):
+                assert self._hooks is not None
+                shape = tuple(observation.shape)
+                observation = self._hooks.checked("filter_observation", "", filtered, shape, by=name)
+        return observation

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from apil_core.blinding import Blinding
 from apil_core.game import Game
 from apil_core.observation_filter import ObservationFilter
 from apil_core.policy import Policy
@@ -31,6 +32,49 @@ class Seat:
 
 
 @dataclass
+class Players:
+    """Both players, and what stands between the game and their eyes.
+
+    Attributes:
+        seats: of side 0 and 1.
+        adversary_side: who acts second.
+        device: of the policies.
+        observation_filter: applied to both sides' observations.
+        blinding: applied to the adversary's view after that.
+    """
+
+    seats: tuple[Seat, Seat]
+    adversary_side: int
+    device: torch.device
+    observation_filter: ObservationFilter | None = None
+    blinding: Blinding | None = None
+
+    def act(self, game: Game, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Actions of side 0 and 1 for the game's present observations, each (n, a), not clipped.
+
+        The victim acts first, so that an oracle adversary may see its action.
+
+        Args:
+            game: looked at, not stepped.
+            first: (n,) bool, a new game starts with this observation.
+        """
+        seen = [torch.from_numpy(observation).to(self.device) for observation in game.observations]
+        if self.observation_filter is not None:
+            seen = [self.observation_filter(side, observation) for side, observation in enumerate(seen)]
+        starts = torch.from_numpy(first).to(self.device)
+        adversary, victim = self.adversary_side, 1 - self.adversary_side
+        answer = self._choose(victim, View(seen[victim], seen[adversary], starts))
+        view = View(seen[adversary], seen[victim], starts, answer)
+        attack = self._choose(adversary, view if self.blinding is None else self.blinding(view))
+        chosen = {victim: answer.cpu().numpy(), adversary: attack.cpu().numpy()}
+        return chosen[0], chosen[1]
+
+    def _choose(self, side: int, view: View) -> Tensor:
+        seat = self.seats[side]
+        return seat.policy.act(view, sample=seat.sample, generator=seat.generator).action
+
+
+@dataclass
 class Tally:
     """How the games ended. Side indices as in the game.
 
@@ -47,28 +91,17 @@ class Tally:
 
 @torch.inference_mode()
 def play(
-    game: Game,
-    seats: tuple[Seat, Seat],
-    episodes: int,
-    *,
-    adversary_side: int,
-    device: torch.device,
-    observation_filter: ObservationFilter | None = None,
-    on_progress: Callable[[int], None] | None = None,
+    game: Game, players: Players, episodes: int, on_progress: Callable[[int], None] | None = None
 ) -> Tally:
     """Play exactly ``episodes`` games and count how they ended.
 
     Games are handed to free slots in order until ``episodes`` have been started, and every started
-    game is played to its end: short games are not over-represented. The victim's seat acts first,
-    so that an oracle adversary may see its action.
+    game is played to its end: short games are not over-represented.
 
     Args:
         game: seeded by the caller; its ``num_envs`` slots are used in parallel.
-        seats: players of side 0 and 1.
+        players: who plays.
         episodes: number of games.
-        adversary_side: who acts second.
-        device: of the policies.
-        observation_filter: applied to both sides' observations.
         on_progress: called with the number of ended games whenever it grows.
     """
     tally = Tally()
@@ -76,13 +109,10 @@ def play(
     active = slots < episodes
     started = int(active.sum())
     game.reset()
-    first = torch.ones(game.num_envs, dtype=torch.bool, device=device)
-    order = (1 - adversary_side, adversary_side)
+    first = np.ones(game.num_envs, bool)
     while active.any():
-        actions = _act(game, seats, order, first, device, observation_filter)
-        step = game.step(actions, None if active.all() else active)
-        done = np.logical_and(step.done, active)
-        first = torch.from_numpy(done).to(device)
+        step = game.step(players.act(game, first), None if active.all() else active)
+        first = done = np.logical_and(step.done, active)
         if not done.any():
             continue
         tally.winners += step.winner[done].tolist()
@@ -96,24 +126,3 @@ def play(
         if on_progress is not None:
             on_progress(len(tally.winners))
     return tally
-
-
-def _act(
-    game: Game,
-    seats: tuple[Seat, Seat],
-    order: tuple[int, int],
-    first: Tensor,
-    device: torch.device,
-    observation_filter: ObservationFilter | None,
-) -> tuple[np.ndarray, np.ndarray]:
-    seen = [torch.from_numpy(observation).to(device) for observation in game.observations]
-    if observation_filter is not None:
-        seen = [observation_filter(side, observation) for side, observation in enumerate(seen)]
-    chosen: dict[int, Tensor] = {}
-    for side in order:
-        view = View(
-            own=seen[side], opponent=seen[1 - side], first=first, opponent_action=chosen.get(1 - side)
-        )
-        seat = seats[side]
-        chosen[side] = seat.policy.act(view, sample=seat.sample, generator=seat.generator).action
-    return chosen[0].cpu().numpy(), chosen[1].cpu().numpy()

@@ -11,7 +11,7 @@ import importlib.util
 import os
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +84,32 @@ class PluginRegistry:
     def add_failure(self, record: PluginRecord, error: Exception) -> None:
         """Record a plugin that could not even be imported."""
         self._reject(record, error)
+
+    def game(self, name: str) -> GameSpec:
+        """The game of that name; a name of its own goes before a family's.
+
+        Raises:
+            UnknownNameError: there is none.
+        """
+        own = self.games.get(name)
+        if own is not None and not own.family:
+            return own
+        scheme, _, target = name.partition(":")
+        family = self.games.get(scheme)
+        if family is None or not family.family or not target:
+            raise UnknownNameError("game", name, self.game_names())
+        return replace(family, name=name, family=False, target=target)
+
+    def has_game(self, name: str) -> bool:
+        """Whether :meth:`game` knows that name."""
+        try:
+            return bool(self.game(name))
+        except UnknownNameError:
+            return False
+
+    def game_names(self) -> list[str]:
+        """All names, families as ``scheme:…``."""
+        return [spec.label for spec in self.games.values()]
 
     def method_chain(self, name: str) -> tuple[MethodSpec, ...]:
         """The method and all it requires, requirements first.
@@ -171,8 +197,9 @@ def discover(files: Sequence[str | Path] = ()) -> PluginRegistry:
             registry.add_failure(record, error)
         else:
             registry.add(record, plugin)
-    for file in files:
-        _add_file(registry, Path(file))
+    # a run brings its files along, and a flag may name the same one again
+    for file in {Path(file).resolve(): Path(file) for file in files}.values():
+        _add_file(registry, file)
     return registry
 
 

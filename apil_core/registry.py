@@ -33,10 +33,7 @@ def game_spec(name: str, plugins: PluginRegistry | None = None) -> GameSpec:
     Raises:
         UnknownNameError: there is none.
     """
-    games = (plugins or default_plugins()).games
-    if name not in games:
-        raise UnknownNameError("game", name, games)
-    return games[name]
+    return (plugins or default_plugins()).game(name)
 
 
 def options_model(reference: str | None, values: Mapping[str, Any], where: str) -> BaseModel | None:
@@ -75,7 +72,8 @@ def make_game(
     """
     spec = game_spec(name, plugins)
     model = options_model(spec.config, options or {}, f"game {name}")
-    game: Game = load(spec.factory)(num_envs=num_envs, threads=threads, options=model)
+    which = {"target": spec.target} if spec.target else {}
+    game: Game = load(spec.factory)(num_envs=num_envs, threads=threads, options=model, **which)
     return game
 
 

@@ -68,27 +68,53 @@ class RunHookManager:
         """Whether any plugin of this run implements ``hook`` (to skip work that none would see)."""
         return bool(getattr(self.manager.hook, hook).get_hookimpls())
 
-    def complaint(self, hook: str, text: str) -> PluginError:
-        """An error about what ``hook`` returned, with the names of those who fill it."""
-        fillers = [impl.plugin_name for impl in getattr(self.manager.hook, hook).get_hookimpls()]
-        return PluginError(f"{hook} (filled by {', '.join(fillers)}): {text}")
-
-    def checked(self, hook: str, name: str, value: Any, shape: tuple[int, ...]) -> Tensor:
-        """``value`` if it is a float32 tensor of that shape without NaN or infinities.
+    def callers(self, hook: str) -> dict[str, Any]:
+        """Those who fill ``hook`` → a caller that asks that plugin alone, in order of registration.
 
         Raises:
-            PluginError: it is not; the message names who fills ``hook``.
+            PluginError: a plugin wraps the hook: called one by one, there is nothing to wrap.
+        """
+        impls = getattr(self.manager.hook, hook).get_hookimpls()
+        wrapper = next((impl for impl in impls if impl.wrapper or impl.hookwrapper), None)
+        if wrapper is not None:
+            reason = f"{hook} cannot be wrapped: each plugin gets what the one before it returned"
+            raise PluginError(f"plugin {wrapper.plugin_name!r} cannot be used: {reason}")
+        fillers = {impl.plugin_name for impl in impls}
+        return {
+            name: getattr(self.only(plugin), hook) for name, plugin in self.plugins.items() if name in fillers
+        }
+
+    def complaint(self, hook: str, text: str, by: str | None = None) -> PluginError:
+        """An error about what ``hook`` returned, with the name of the culprit or of all who fill it."""
+        impls = getattr(self.manager.hook, hook).get_hookimpls()
+        fillers = [by] if by else [impl.plugin_name for impl in impls]
+        return PluginError(f"{hook} (filled by {', '.join(fillers)}): {text}")
+
+    def checked(
+        self, hook: str, name: str, value: Any, shape: tuple[int, ...], by: str | None = None
+    ) -> Tensor:
+        """``value`` if it is a float32 tensor of that shape without NaN or infinities.
+
+        Args:
+            hook: what it was returned by.
+            name: of the value, if it is one of several.
+            value: what was returned.
+            shape: what it must have.
+            by: the plugin that returned it, where that is known.
+
+        Raises:
+            PluginError: it is not; the message names ``by``, or who fills ``hook``.
         """
         import torch
 
         label = f"{name!r} must be" if name else "must return"
         if not isinstance(value, torch.Tensor):
-            raise self.complaint(hook, f"{label} a tensor {shape} float32, got {value!r}")
+            raise self.complaint(hook, f"{label} a tensor {shape} float32, got {value!r}", by)
         if value.shape != shape or value.dtype != torch.float32:
             got = f"{tuple(value.shape)} {str(value.dtype).removeprefix('torch.')}"
-            raise self.complaint(hook, f"{label} {shape} float32, got {got}")
+            raise self.complaint(hook, f"{label} {shape} float32, got {got}", by)
         if not torch.isfinite(value).all():
-            raise self.complaint(hook, f"{label} finite, got NaN or infinite values")
+            raise self.complaint(hook, f"{label} finite, got NaN or infinite values", by)
         return value
 
     def only(self, plugin: Any) -> Any:

@@ -152,6 +152,7 @@ class Session:
                 recorder.close()
         self.progress.finished(self.run_dir.path)
         self.trainer.attack.game.close()
+        self.trainer.side_games.close()
 
     @contextmanager
     def _stop_on_signal(self) -> Iterator[None]:

@@ -84,6 +84,11 @@ class SideGames:
             self._saved = None
         return env
 
+    def close(self) -> None:
+        """Release what the games hold, if there are any."""
+        if self._env is not None:
+            self._env.game.close()
+
     def state_dict(self) -> dict[str, Any] | None:
         """The side games' state, or ``None`` if there never were any."""
         return self._env.state_dict() if self._env is not None else self._saved

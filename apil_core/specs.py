@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from apil_core.errors import PluginError
 
@@ -50,6 +50,43 @@ class MethodSpec:
 
 
 @dataclass(frozen=True)
+class PublishedScore:
+    """What a paper reports of a matchup, as the adversary's.
+
+    Attributes:
+        win, win_or_tie: per cent.
+        games: number of games behind them.
+        source: where it stands.
+        adversary_actions, victim_actions: ``"sample"`` or ``"mode"`` where the source or its code tells,
+            else ``None``.
+    """
+
+    win: float
+    win_or_tie: float
+    games: int
+    source: str
+    adversary_actions: Literal["sample", "mode"] | None = None
+    victim_actions: Literal["sample", "mode"] | None = None
+
+
+@dataclass(frozen=True)
+class Matchup:
+    """Two named policies whose games tell how close a game is to its original (``apil fidelity``).
+
+    Attributes:
+        adversary, victim: policy names.
+        published: the score to compare with, or ``None`` if there is none.
+        stands_in_for: name of the adversary ``published`` was measured with, if that is another one. Such
+            a matchup is played only while the weights of that one are missing.
+    """
+
+    adversary: str
+    victim: str
+    published: PublishedScore | None = None
+    stands_in_for: str | None = None
+
+
+@dataclass(frozen=True)
 class GameSpec:
     """A two-player game.
 
@@ -64,6 +101,9 @@ class GameSpec:
         baseline_adversary: policy name of the agent the adversary is compared with, or ``None``.
         rewards: default weights of the training reward.
         config: ``"module:Model"``, the pydantic model of the game's options, or ``None``.
+        family: ``name`` is a scheme: every ``<name>:<target>`` is a game, with this spec and that target.
+        target: handed to the factory as ``target=`` if not empty: which of a family this game is.
+        matchups: what ``apil fidelity`` plays.
     """
 
     name: str
@@ -75,6 +115,14 @@ class GameSpec:
     baseline_adversary: str | None = None
     rewards: RewardWeights = RewardWeights()
     config: str | None = None
+    family: bool = False
+    target: str = ""
+    matchups: tuple[Matchup, ...] = ()
+
+    @property
+    def label(self) -> str:
+        """How the game is listed: a family with an ellipsis, as its name alone is no game."""
+        return f"{self.name}:…" if self.family else self.name
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from apil_core.build import Attack, adversary_policy, load_victim, victim_name
 from apil_core.errors import PluginError
 from apil_core.evaluation import MAX_PARALLEL_GAMES, EvaluationResult, score
 from apil_core.learner import MAIN_STREAM
+from apil_core.pairing import Pairing
 from apil_core.plugins import PluginRegistry
 from apil_core.policy import Policy, PolicyInfo
 from apil_core.progress import Progress
@@ -172,18 +173,8 @@ class Trainer:
                 adversary, hooks = adversary_policy(
                     state, info, config, game, side, self.plugins, config.seed
                 )
-                result = score(
-                    game,
-                    adversary,
-                    victim,
-                    config=config,
-                    adversary_side=side,
-                    episodes=episodes,
-                    seed=config.seed,
-                    hooks=hooks,
-                    trained_steps=self.steps,
-                    progress=progress,
-                )
+                pairing = Pairing(config, game, adversary, victim, side, hooks, self.steps)
+                result = score(pairing, episodes=episodes, seed=config.seed, progress=progress)
             finally:
                 game.close()
         self.hook.evaluation_finished(run=self, result=result.model_dump(mode="json"))

@@ -13,6 +13,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from pettingzoo import ParallelEnv
 
+from apil_core import colours
 from apil_core.errors import ConfigError
 from apil_core.game import Array, Game, GameStep, SideLayout
 
@@ -56,6 +57,22 @@ def _info(game: Game, step: GameStep, side: int) -> dict[str, Any]:
     return info
 
 
+PICTURE = (640, 360)
+"""Width and height of the views' pictures, pixels."""
+
+
+def _check_render_mode(render_mode: str | None) -> None:
+    if render_mode not in (None, "rgb_array"):
+        raise ConfigError(f"render_mode {render_mode!r} is unknown; there is 'rgb_array'")
+
+
+def _picture(game: Game, adversary_side: int, render_mode: str | None) -> Array | None:
+    """What ``render`` returns: a picture, victim blue and adversary red, or ``None`` if none was wanted."""
+    if render_mode is None:
+        return None
+    return game.render(0, *PICTURE, colours.by_side(adversary_side))
+
+
 class ParallelGameEnv(ParallelEnv[str, Array, Array]):
     """A game as a PettingZoo ``ParallelEnv``; the agents are named as the sides.
 
@@ -65,15 +82,20 @@ class ParallelGameEnv(ParallelEnv[str, Array, Array]):
     Args:
         game: a game with ``num_envs=1``, or a game's name.
         options: of the game, when given by name.
+        render_mode: ``"rgb_array"`` lets :meth:`render` return pictures.
 
     Raises:
         UnknownNameError: there is no game of that name.
-        ConfigError: ``game`` has several games, or the options are wrong.
+        ConfigError: ``game`` has several games, or the options or the render mode are wrong.
     """
 
-    metadata = {"name": "apil_game", "render_modes": []}  # noqa: RUF012  (PettingZoo's own form)
+    metadata = {"name": "apil_game", "render_modes": ["rgb_array"]}  # noqa: RUF012  (PettingZoo's own form)
 
-    def __init__(self, game: Game | str, options: dict[str, Any] | None = None):
+    def __init__(
+        self, game: Game | str, options: dict[str, Any] | None = None, render_mode: str | None = None
+    ):
+        _check_render_mode(render_mode)
+        self.render_mode = render_mode
         self._game = _single_game(game, options)
         sides = self._game.layout.sides
         self.possible_agents = [side.name for side in sides]
@@ -125,6 +147,10 @@ class ParallelGameEnv(ParallelEnv[str, Array, Array]):
             self.agents = []
         return self._observations(), rewards, terminations, truncations, infos
 
+    def render(self) -> Array | None:
+        """The game as it stands, (360, 640, 3) uint8, side 0 blue and side 1 red; see ``render_mode``."""
+        return _picture(self._game, 1, self.render_mode)
+
     def close(self) -> None:
         """Release what the game holds."""
         self._game.close()
@@ -145,6 +171,7 @@ class OpponentInsideEnv(gymnasium.Env[Array, Array]):
         side: the caller's side, 0 or 1; ``None``: the adversary's, which is 1 for a ready game.
         sample: draw the opponent's actions; false takes their mode.
         options: of the game, when given by name.
+        render_mode: ``"rgb_array"`` lets :meth:`render` return pictures.
 
     Raises:
         UnknownNameError: there is no game or policy of that name.
@@ -152,7 +179,7 @@ class OpponentInsideEnv(gymnasium.Env[Array, Array]):
         VictimError: the opponent's weights are missing.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012  (Gymnasium's own form)
+    metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012  (Gymnasium's own form)
 
     def __init__(
         self,
@@ -162,8 +189,12 @@ class OpponentInsideEnv(gymnasium.Env[Array, Array]):
         side: int | None = None,
         sample: bool = True,
         options: dict[str, Any] | None = None,
+        render_mode: str | None = None,
     ):
         import torch
+
+        _check_render_mode(render_mode)
+        self.render_mode = render_mode
 
         self._torch = torch
         self._game = _single_game(game, options)
@@ -216,6 +247,10 @@ class OpponentInsideEnv(gymnasium.Env[Array, Array]):
         reward = float(step.sparse[self._side, 0] + step.dense[self._side, 0])
         info = _info(self._game, step, self._side)
         return self._observation(), reward, bool(step.done[0]), False, info
+
+    def render(self) -> Array | None:
+        """The game as it stands, (360, 640, 3) uint8, opponent blue and caller red; see ``render_mode``."""
+        return _picture(self._game, self._side, self.render_mode)
 
     def close(self) -> None:
         """Release what the game holds."""

@@ -15,6 +15,13 @@ _VERBS = (
     ("run", "run:run", _WORK, "Train an adversary against a frozen victim, then score it."),
     ("resume", "resume:resume", _WORK, "Continue a run exactly where it stopped, or extend a finished one."),
     ("eval", "evaluate:evaluate", _WORK, "Score an adversary: win, tie and loss rates with 95 % intervals."),
+    ("play", "play:play", _WORK, "Watch two policies play: a window, a video or a strip of snapshots."),
+    (
+        "fidelity",
+        "fidelity:fidelity",
+        _WORK,
+        "Compare the games with their originals: measured beside published scores.",
+    ),
     ("runs", "runs:app", _WORK, "List runs, compare their scores."),
     ("config", "config:app", _WORK, "Show, validate, describe and compare configurations."),
     ("victims", "victims:app", _WORK, "List, import and download victim weights."),

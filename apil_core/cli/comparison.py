@@ -8,18 +8,10 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from apil_core.difference import Difference, difference
 from apil_core.errors import RunDirError
 from apil_core.evaluation import EvaluationResult, Rate
 from apil_core.rundir import RunDir
-
-
-class Difference(BaseModel):
-    """First run's share subtracted from this one's, with Newcombe's 95 % interval, as fractions."""
-
-    value: float
-    low: float
-    high: float
-    within_noise: bool
 
 
 class Row(BaseModel):
@@ -78,17 +70,6 @@ def compare(runs: Sequence[RunDir]) -> Comparison:
                 score.wins + score.ties, score.episodes, first.wins + first.ties, first.episodes
             )
     return Comparison(rows=rows, spreads=_spreads(rows), warnings=_warnings(rows))
-
-
-def difference(count: int, games: int, base_count: int, base_games: int) -> Difference:
-    """Difference of two shares of independent games."""
-    from statsmodels.stats.proportion import confint_proportions_2indep
-
-    low, high = confint_proportions_2indep(
-        count, games, base_count, base_games, compare="diff", method="newcomb", alpha=0.05
-    )
-    value = count / games - base_count / base_games
-    return Difference(value=value, low=float(low), high=float(high), within_noise=bool(low <= 0 <= high))
 
 
 def _score(run: RunDir) -> EvaluationResult | None:

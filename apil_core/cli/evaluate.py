@@ -2,48 +2,42 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from apil_core.cli.flags import Json, Plugins, Quiet
+from apil_core.cli.flags import Json, PairingFlags, Quiet
 from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
 from apil_core.cli.scores import print_score
 
-ActionMode = Literal["sample", "mode"]
+if TYPE_CHECKING:
+    from apil_core.pairing import PairingOptions
 
 
 def evaluate(
     adversary: Annotated[
-        str, Parameter(name="ADVERSARY", help="Run directory, or a policy such as zoo:GAME/SIDE/v1.")
+        str,
+        Parameter(name="ADVERSARY", help="Run directory, a policy such as zoo:GAME/SIDE/v1, random or zero."),
     ],
     /,
     *,
-    env: Annotated[
-        str | None, Parameter(alias="-e", help="Game; needed for a policy [default: the run's].")
-    ] = None,
-    victim: Annotated[
-        str | None, Parameter(help="Policy to play against [default: the run's, else the game's default].")
-    ] = None,
+    flags: PairingFlags | None = None,
     episodes: Annotated[int, Parameter(help="Games to play; 1000 give ± 3 points at 50 %.")] = 1000,
-    adversary_actions: Annotated[
-        ActionMode | None, Parameter(help="Draw actions, or take the mode [default: as configured].")
+    blind: Annotated[
+        Literal["zeros", "initial"] | None,
+        Parameter(help="Hide the opponent from the adversary: zeros, or the mean of starting states."),
     ] = None,
-    victim_actions: Annotated[
-        ActionMode | None, Parameter(help="Draw actions, or take the mode [default: as configured].")
-    ] = None,
-    checkpoint: Annotated[
-        Path | None, Parameter(help="Checkpoint of the run to score [default: the newest].")
-    ] = None,
+    blind_imitator: Annotated[
+        bool,
+        Parameter(show_default=False, help="Hide it from the adversary's methods too, with --blind."),
+    ] = False,
     seed: Annotated[int, Parameter(help="Seed of the games and of all draws.")] = 0,
     num_envs: Annotated[
         int | None, Parameter(help="Games in parallel; a seed's games depend on it [default: up to 128].")
     ] = None,
     threads: Annotated[int, Parameter(help="Physics threads; 0: all CPUs. Never changes results.")] = 0,
     device: Annotated[str, Parameter(help="Where the networks live: cpu, cuda or cuda:N.")] = "cpu",
-    plugin: Plugins | None = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
@@ -53,21 +47,18 @@ def evaluate(
     """
     from apil_core.evaluator import evaluate as score
 
+    flags = flags or PairingFlags()
+    options: PairingOptions = {**flags.options(), "threads": threads, "device": device}
     with make_progress(quiet=quiet) as progress:
         result = score(
             adversary,
-            env=env,
-            victim=victim,
             episodes=episodes,
-            adversary_actions=adversary_actions,
-            victim_actions=victim_actions,
             seed=seed,
             num_envs=num_envs,
-            threads=threads,
-            device=device,
+            blind=blind,
+            blind_imitator=blind_imitator,
             progress=progress,
-            plugin_files=[str(path) for path in plugin or ()],
-            checkpoint_path=checkpoint,
+            **options,
         )
     if as_json:
         print_json(result)

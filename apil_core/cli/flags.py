@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
@@ -13,6 +13,7 @@ from apil_core.config_layers import preset_names
 
 if TYPE_CHECKING:
     from apil_core.config_layers import Layer
+    from apil_core.pairing import PairingOptions
     from apil_core.plugins import PluginRegistry
 
 _SETTINGS = Group("What to train", sort_key=0)
@@ -109,3 +110,50 @@ class ConfigFlags:
         layers = self.layers()
         plugins = discover(plugin_files(layers))
         return resolve_layers(layers, plugins), plugins
+
+
+_Actions = Annotated[
+    Literal["sample", "mode"] | None,
+    Parameter(help="Draw actions, or take the mode [default: as configured]."),
+]
+
+
+@Parameter(name="*")
+@dataclass
+class PairingFlags:
+    """Who plays whom, and in which game."""
+
+    env: Annotated[
+        str | None, Parameter(alias="-e", help="Game; needed unless ADVERSARY is a run [default: the run's].")
+    ] = None
+    victim: Annotated[
+        str | None,
+        Parameter(help="Whom it plays, named likewise [default: the run's victim, else the game's]."),
+    ] = None
+    adversary_actions: _Actions = None
+    victim_actions: _Actions = None
+    sets: Annotated[
+        list[str],
+        Parameter(
+            name="--set",
+            show_default=False,
+            metavar="game.KEY=VALUE",
+            help="One option of the game; repeatable.",
+        ),
+    ] = field(default_factory=list)
+    checkpoint: Annotated[
+        Path | None, Parameter(help="Checkpoint of the run to take [default: the newest].")
+    ] = None
+    plugin: Plugins = field(default_factory=list)
+
+    def options(self) -> PairingOptions:
+        """As keywords of :func:`apil_core.pairing.load_pairing`."""
+        return {
+            "env": self.env,
+            "victim": self.victim,
+            "adversary_actions": self.adversary_actions,
+            "victim_actions": self.victim_actions,
+            "sets": self.sets,
+            "checkpoint_path": self.checkpoint,
+            "plugin_files": [str(path) for path in self.plugin],
+        }

@@ -76,7 +76,7 @@ class LiveProgress(ConsoleProgress):
         """A second bar while an evaluation runs."""
         if self._evaluating is None:
             self._evaluating = self._bars.add_task("evaluation", total=total)
-        self._bars.update(self._evaluating, completed=done)
+        self._bars.update(self._evaluating, total=total, completed=done)
         self._refresh()
 
     def evaluation(self, result: EvaluationResult, steps: int) -> None:

@@ -38,7 +38,7 @@ def games(*, plugin: Plugins | None = None, as_json: Json = False) -> None:
     rows = table("game", "attacked side", "adversary", "default victim", "what it is")
     for spec in specs:
         victim, adversary = spec.sides[spec.victim_side], spec.sides[1 - spec.victim_side]
-        rows.add_row(spec.name, victim, adversary, spec.default_victim or "–", spec.summary)
+        rows.add_row(spec.label, victim, adversary, spec.default_victim or "–", spec.summary)
     console().print(rows)
 
 

@@ -43,6 +43,9 @@ def _facts(result: EvaluationResult) -> list[str]:
         f"actions {_HOW[result.victim_actions]}",
         f"seed       {result.seed}, {result.num_envs} games in parallel, {result.wall_seconds:.1f} s",
     ]
+    if result.blind is not None:
+        imitator = ", its methods too" if result.blind_imitator else ""
+        facts.append(f"blinded    the adversary does not see its opponent ({result.blind}){imitator}")
     if result.game_options:
         options = ", ".join(f"{key} {value}" for key, value in result.game_options.items())
         facts.append(f"game       {options}")

@@ -7,18 +7,22 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import numpy as np
 
-from apil_core import NO_WINNER, ApilError, Game, GameLayout, GameStep, SideLayout
+from apil_core import NO_WINNER, ApilError, Colour, Game, GameLayout, GameStep, SideLayout, Window
 from apil_envs.arrays import Array
 from apil_envs.observe import Block, Observer
 from apil_envs.options import PhysicsOptions
 from apil_envs.physics import Physics
+from apil_envs.render import Studio
 from apil_envs.robot import Robot
+from apil_envs.scene import TOUCH, Scene, build_scene
 
 GOES_ON = -1
 """Value of :attr:`Verdict.cause` while a game goes on."""
+
+START_NOISE = 0.1
+"""Half width of the noise on starting positions, and deviation of starting velocities."""
 
 DIVERGED = "diverged"
 """Cause of a game that ended because its physics broke: a tie without rewards, last in every game's list."""
@@ -42,41 +46,70 @@ class Verdict:
 class MujocoGame(Game):
     """Steps the physics, asks the rules, assembles observations, keeps the clock.
 
-    Subclasses set ``side_names`` and ``causes`` (ending with :data:`DIVERGED`) and implement
-    :meth:`observation_blocks`, :meth:`place`, :meth:`judge` and :meth:`move_rewards`; state of their
-    own goes through :meth:`rule_state`.
+    Subclasses set the four class attributes and implement :meth:`observation_blocks`, :meth:`judge` and
+    :meth:`move_rewards`, and what else they need of :meth:`set_up`, :meth:`place` and :meth:`rule_state`.
+
+    Args:
+        num_envs: number of games, n.
+        threads: of the physics (0: all CPUs).
+        options: of the game; default: those of ``options_model``.
 
     Attributes:
+        scene: what to build, or the name of a scene in ``bodies.json``.
+        side_names: of side 0 and 1.
+        causes: ways a game can end, the last of them :data:`DIVERGED`.
+        touch: two bodies whose contact (with all that hangs on them) :attr:`touching` tells, or ``None``.
+        options: as given.
         physics: the simulations.
         robots: both sides' live views.
         clock: steps played in each game, (n,) int32.
+        raw_actions: of both sides in this step, as they came, not clipped, each (n, actions).
     """
 
+    scene: Scene | str
     side_names: tuple[str, str]
     causes: tuple[str, ...]
+    touch: tuple[str, str] | None = None
+    options_model: type[PhysicsOptions] = PhysicsOptions
 
-    def __init__(self, model: mujoco.MjModel, num_envs: int, threads: int, options: PhysicsOptions):
+    def __init__(self, num_envs: int, threads: int = 1, options: PhysicsOptions | None = None):
+        self.options = options or self.options_model()
         self.num_envs = num_envs
-        self.physics = Physics(model, num_envs, threads, options.substeps)
+        model = build_scene(self.scene, self.options, self.touch)
+        self.physics = Physics(model, num_envs, threads, self.options.substeps)
+        self.seconds_per_step = self.physics.seconds_per_step
+        self._studio = Studio(self.physics)
         self.robots = (Robot(self.physics, 0), Robot(self.physics, 1))
-        self.max_steps = options.max_steps
+        self.max_steps = self.options.max_steps
         self.clock = np.zeros(num_envs, np.int32)
+        self.raw_actions: tuple[Array, Array] = (self.robots[0].ctrl, self.robots[1].ctrl)
+        self._touch = None if self.touch is None else self.physics.sensor(TOUCH)
         self._over = np.ones(num_envs, bool)
         self._centre_before = np.zeros((2, num_envs, 3))
         self._rng = np.random.default_rng(0)
+        self.set_up()
         self.observers = tuple(Observer(self.observation_blocks(side), num_envs) for side in (0, 1))
         first, second = (self._side_layout(side) for side in (0, 1))
-        self.layout = GameLayout((first, second), options.max_steps, self.causes)
+        self.layout = GameLayout((first, second), self.max_steps, self.causes)
 
     # --- what a game fills in
+
+    def set_up(self) -> None:
+        """Make state of the game's own. Called once, when ``physics`` and ``robots`` exist."""
 
     @abstractmethod
     def observation_blocks(self, side: int) -> list[Block]:
         """The blocks of a side's observation, in order. Called once, from the constructor."""
 
-    @abstractmethod
     def place(self, rows: Array, rng: np.random.Generator) -> None:
-        """Start new games in ``rows`` (indices): write qpos and qvel, clear rule state of its own."""
+        """Start new games in ``rows`` (indices): write qpos and qvel, clear rule state of its own.
+
+        Unless extended, everyone starts in the scene's pose plus noise: U(−0.1, 0.1) on every position
+        coordinate (quaternions too: they are normalised afterwards), N(0, 0.1) on every velocity.
+        """
+        n, default = len(rows), self.physics.model.qpos0
+        self.physics.qpos[rows] = default + rng.uniform(-START_NOISE, START_NOISE, (n, default.size))
+        self.physics.qvel[rows] = START_NOISE * rng.standard_normal((n, self.physics.qvel.shape[1]))
 
     @abstractmethod
     def judge(self) -> Verdict:
@@ -94,6 +127,19 @@ class MujocoGame(Game):
     def rule_state(self) -> dict[str, Array]:
         """Live arrays of the game's own that a checkpoint must keep, each with n rows."""
         return {}
+
+    # --- what a game may ask
+
+    @property
+    def touching(self) -> Array:
+        """Whether the two bodies of ``touch`` are in contact at a distance below 0, (n,) bool."""
+        assert self._touch is not None, "this game names no bodies in `touch`"
+        return (self._touch[:, 0] > 0) & (self._touch[:, 1] < 0)
+
+    @property
+    def heights(self) -> Array:
+        """Height of both roots, (2, n), m."""
+        return np.stack([robot.height for robot in self.robots])
 
     # --- the contract of apil_core.Game
 
@@ -128,9 +174,10 @@ class MujocoGame(Game):
             ApilError: no game was ever reset.
         """
         playing = ~self._over if active is None else ~self._over & active
-        if not playing.any() and not self.clock.any():
+        if self._over.all() and not self.clock.any():
             raise ApilError(f"{type(self).__name__}: call reset() before the first step()")
         some = None if playing.all() else playing
+        self.raw_actions = actions
         for robot, action in zip(self.robots, actions, strict=True):
             np.clip(action, *robot.bounds, out=robot.ctrl, casting="same_kind")
         diverged = self.physics.step(some) & playing
@@ -164,6 +211,20 @@ class MujocoGame(Game):
         for name, array in self.rule_state().items():
             array[...] = state["rules"][name]
         self._rng.bit_generator.state = json.loads(state["random"])
+
+    def render(self, row: int, width: int, height: int, colours: tuple[Colour, Colour]) -> Array:
+        """See :class:`apil_core.Game`."""
+        return self._studio.paint(row, width, height, colours)
+
+    def open_window(self, row: int, colours: tuple[Colour, Colour]) -> Window:
+        """See :class:`apil_core.Game`."""
+        from apil_envs.window import ViewerWindow
+
+        return ViewerWindow(self.physics, row, colours)
+
+    def close(self) -> None:
+        """See :class:`apil_core.Game`."""
+        self._studio.close()
 
     # --- details
 

@@ -8,16 +8,14 @@ from apil_core import NO_WINNER
 from apil_envs import moves
 from apil_envs.arrays import Array
 from apil_envs.game_base import DIVERGED, GOES_ON, MujocoGame, Verdict
-from apil_envs.humanoid import humanoid_blocks
 from apil_envs.observe import Block, copied, distance_to, relative
 from apil_envs.options import KickAndDefendOptions
 from apil_envs.robot import Ball
-from apil_envs.scene import TOUCH, build_scene
+from apil_envs.senses import humanoid_blocks
 
 KICKER, KEEPER = 0, 1
 GOAL_X, GOAL_Y = 4.0, 3.0
 PRIZE, BONUS = 1000.0, 500.0
-NOISE = 0.1
 START_X = ((-3.5, -0.5), (1.6, 3.5))
 START_Y = (-2.0, 2.0)
 BALL_X, BALL_Y, BALL_Z = (-2.0, 1.0), (-4.0, 4.0), 0.35
@@ -71,20 +69,20 @@ def decide(
 class KickAndDefend(MujocoGame):
     """Side 0 is the kicker, side 1 the keeper; see docs/games.md for rules and observation order."""
 
+    scene = "kick-and-defend"
     side_names = ("kicker", "keeper")
     causes = CAUSES
+    touch = ("agent1/torso", "ball")
+    options_model = KickAndDefendOptions
 
-    def __init__(self, num_envs: int, threads: int = 1, options: KickAndDefendOptions | None = None):
-        options = options or KickAndDefendOptions()
-        model = build_scene("kick-and-defend", options, touch=("agent1/torso", "ball"))
-        self.touched = np.zeros(num_envs, bool)
-        super().__init__(model, num_envs, threads, options)
-        self._touch = self.physics.sensor(TOUCH)
+    def set_up(self) -> None:
+        """The ball, and whether the keeper touched it."""
+        self.ball = Ball(self.physics)
+        self.touched = np.zeros(self.num_envs, bool)
 
     def observation_blocks(self, side: int) -> list[Block]:
         """384 columns; positions are without the own x and y, the ball's velocity is not seen."""
         own, other = self.robots[side], self.robots[1 - side]
-        self.ball = Ball(self.physics)
         return [
             copied("position", own.qpos[:, 2:]),
             *humanoid_blocks(own),
@@ -99,10 +97,8 @@ class KickAndDefend(MujocoGame):
 
     def place(self, rows: Array, rng: np.random.Generator) -> None:
         """Noise on everything, then both players and the ball at random places."""
-        physics, n = self.physics, len(rows)
-        default = physics.model.qpos0
-        physics.qpos[rows] = default + rng.uniform(-NOISE, NOISE, (n, default.size))
-        physics.qvel[rows] = NOISE * rng.standard_normal((n, physics.qvel.shape[1]))
+        super().place(rows, rng)
+        n = len(rows)
         for robot, bounds in zip(self.robots, START_X, strict=True):
             robot.qpos[rows, 0] = rng.uniform(*bounds, n)
             robot.qpos[rows, 1] = rng.uniform(*START_Y, n)
@@ -116,11 +112,10 @@ class KickAndDefend(MujocoGame):
 
     def judge(self) -> Verdict:
         """See :func:`decide`; a touch in this very step counts."""
-        self.touched |= (self._touch[:, 0] > 0) & (self._touch[:, 1] < 0)
-        heights = np.stack([robot.height for robot in self.robots])
+        self.touched |= self.touching
         time_up = self.clock >= self.max_steps
         keeper_x = self.robots[KEEPER].qpos[:, 0]
-        return decide(self.ball.position, self.ball.velocity, heights, keeper_x, self.touched, time_up)
+        return decide(self.ball.position, self.ball.velocity, self.heights, keeper_x, self.touched, time_up)
 
     def move_rewards(self, moved: Array, verdict: Verdict) -> tuple[Array, Array]:
         """See docs/games.md; shaping adds the ball's distance to the goal plane while the game goes on."""
@@ -128,13 +123,13 @@ class KickAndDefend(MujocoGame):
         costs = [
             moves.control_cost(robot.ctrl) + moves.contact_cost(robot.contact_force) for robot in self.robots
         ]
-        to_ball = np.sqrt(np.square(self.ball.position[:, :2] - kicker.qpos[:, :2]).sum(1))
-        guarding = (keeper.height >= 1) & (keeper.qpos[:, 0] <= GOAL_X + 0.05)
+        to_ball = moves.distance(self.ball.position[:, :2], kicker.qpos[:, :2])
+        guarding = (keeper.height >= moves.STANDING) & (keeper.qpos[:, 0] <= GOAL_X + 0.05)
         guarding &= np.abs(keeper.qpos[:, 1]) <= GOAL_Y
         dense = np.stack(
             [
                 moves.forward(moved[KICKER, :, 0], self.physics.seconds_per_step)
-                + moves.survive(kicker.height >= 1)
+                + moves.survive(kicker.height >= moves.STANDING)
                 - to_ball
                 - costs[KICKER],
                 moves.survive(guarding) - costs[KEEPER],

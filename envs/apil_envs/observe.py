@@ -71,6 +71,15 @@ def distance_to(name: str, targets: Sequence[float], source: Array) -> Block:
     return Block(name, source.shape[1], fill)
 
 
+def computed(name: str, value: Callable[[Rows], Array], about_opponent: bool = False) -> Block:
+    """One column: ``value(rows)``, (len(rows),)."""
+
+    def fill(rows: Rows, out: Array) -> None:
+        out[:, 0] = value(rows)
+
+    return Block(name, 1, fill, (0,) if about_opponent else ())
+
+
 class Observer:
     """One side's observations: two float32 buffers, written in turn.
 

@@ -31,3 +31,27 @@ class PhysicsOptions(Section):
 
 class KickAndDefendOptions(PhysicsOptions):
     """Options of kick-and-defend."""
+
+
+class YouShallNotPassOptions(PhysicsOptions):
+    """Options of you-shall-not-pass."""
+
+
+class SumoOptions(PhysicsOptions):
+    """Options of sumo-humans and sumo-ants."""
+
+    auto_contact: bool = False
+    """Count the two as having touched from the start; off: who loses before any touch gives a tie."""
+    untouched_reward: float = 0.0
+    """Sparse reward of a side whose opponent lost before any touch; APL's code trains ants with -1000."""
+
+
+class RunToGoalHumansOptions(PhysicsOptions):
+    """Options of run-to-goal-humans."""
+
+
+class RunToGoalAntsOptions(PhysicsOptions):
+    """Options of run-to-goal-ants."""
+
+    timestep: Annotated[float, Field(gt=0)] = 0.01
+    """Seconds of one physics substep."""

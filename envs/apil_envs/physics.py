@@ -55,6 +55,17 @@ class Physics:
         sensor = self.model.sensor(name)
         return self._batch.bind("sensordata")[:, sensor.adr[0] : sensor.adr[0] + sensor.dim[0]]
 
+    def expand(self, name: str) -> Array:
+        """Give a model field one value per simulation; returns them, live and writable, (num_envs, ...).
+
+        Constants that MuJoCo derived from the compiled value (bounding radii, masses) do not follow.
+        """
+        return self._batch.expand(name)
+
+    def row_model(self, row: int, into: mujoco.MjModel | None = None) -> mujoco.MjModel:
+        """Copy of the model with the values of one simulation, written to ``into`` if that is given."""
+        return self._batch.get_model(row, into)
+
     def step(self, active: Array | None = None) -> Array:
         """Advance all simulations, or those in ``active`` (num_envs,), by one control step.
 

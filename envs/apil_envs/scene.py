@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 
 from apil_envs.bodies import add_body, add_geom, add_robot, description
+from apil_envs.looks import dress
 from apil_envs.options import PhysicsOptions
 
 TOUCH = "touch"
 """Name of the contact sensor: (contacts found, smallest distance in m)."""
 
+FLOOR = {
+    "name": "floor",
+    "type": "plane",
+    "pos": [0, 0, 0],
+    "size": [20, 20, 0.125],
+    "condim": 3,
+    "friction": [1, 0.1, 0.1],
+}
+"""The floor of the original scenes."""
+
+_ITERATIONS = 1000  # of the constraint solver
 _COLOURS = ([0.85, 0.3, 0.25, 1.0], [0.25, 0.4, 0.85, 1.0])
 _GROUND = [0.8, 0.85, 0.8, 1.0]
 _BALL = [0.95, 0.95, 0.9, 1.0]
@@ -24,40 +38,82 @@ _INTEGRATORS = {
 }
 
 
-def build_scene(name: str, options: PhysicsOptions, touch: tuple[str, str] | None = None) -> mujoco.MjModel:
+@dataclass(frozen=True)
+class Scene:
+    """What stands where; elements are written as in ``bodies.json``.
+
+    Attributes:
+        body: ``"humanoid"`` or ``"ant"``, for both sides.
+        agents: ``pos`` (m) and ``euler`` (degrees) of each side's root.
+        geoms: the arena: keys as MuJoCo's geom attributes, ``type`` one of plane, sphere, capsule,
+            cylinder, box. What they lack is MuJoCo's own default.
+        ball: further free bodies.
+    """
+
+    body: str
+    agents: Sequence[Mapping[str, Any]]
+    geoms: Sequence[Mapping[str, Any]] = (FLOOR,)
+    ball: Sequence[Mapping[str, Any]] = ()
+
+    @classmethod
+    def known(cls, name: str) -> Scene:
+        """One of the six scenes of Bansal et al. 2018."""
+        scene = description()["scenes"][name]
+        return cls(scene["body"], scene["agents"], scene["geoms"], scene["ball"])
+
+
+def build_scene(
+    scene: Scene | str, options: PhysicsOptions, touch: tuple[str, str] | None = None
+) -> mujoco.MjModel:
     """Compile the scene of a game.
 
     Args:
-        name: key of ``scenes`` in ``bodies.json``.
+        scene: what to build, or the name of one of the six original scenes.
         options: the physics.
         touch: two bodies; a sensor named :data:`TOUCH` watches contacts between what hangs on each.
     """
-    scene = description()["scenes"][name]
+    scene = Scene.known(scene) if isinstance(scene, str) else scene
     spec = mujoco.MjSpec()
-    _set_options(spec, scene["option"], options)
-    _add_arena(spec, scene["geoms"])
-    for ball in scene["ball"]:
-        add_body(spec.worldbody, ball, _NO_DEFAULTS, "", "modern", _BALL)
-    for side, pose in enumerate(scene["agents"]):
-        add_robot(spec, scene["body"], f"agent{side}/", pose, options.inertia, _COLOURS[side])
+    _set_options(spec, options)
+    _add_arena(spec, scene.geoms)
+    balls = [add_body(spec.worldbody, dict(ball), _NO_DEFAULTS, "", "modern", _BALL) for ball in scene.ball]
+    for side, pose in enumerate(scene.agents):
+        add_robot(spec, scene.body, f"agent{side}/", dict(pose), options.inertia, _COLOURS[side])
+    _keep_larger_margin(spec, balls, description()[scene.body]["defaults"]["geom"]["margin"])
     _add_sensors(spec, touch)
     return spec.compile()
 
 
-def _set_options(spec: mujoco.MjSpec, scene: dict[str, Any], options: PhysicsOptions) -> None:
+def _set_options(spec: mujoco.MjSpec, options: PhysicsOptions) -> None:
     spec.compiler.degree = True
     spec.option.timestep = options.timestep
     spec.option.solver = _SOLVERS[options.solver]
     spec.option.integrator = _INTEGRATORS[options.integrator]
-    spec.option.iterations = scene["iterations"]
+    spec.option.iterations = _ITERATIONS
 
 
-def _add_arena(spec: mujoco.MjSpec, geoms: list[dict[str, Any]]) -> None:
-    for geom in geoms:
+def _keep_larger_margin(spec: mujoco.MjSpec, balls: list[mujoco.MjsBody], margin: float) -> None:
+    """Give every contact with a robot the robot's margin, and all others none.
+
+    MuJoCo 1.31 took the larger of two geoms' margins, today's adds them. Only robots have one, so two
+    halves make it whole; contacts between arena and ball, which had none, are written out as pairs.
+    """
+    arena = [geom for geom in spec.worldbody.geoms if geom.contype]
+    for geom in spec.geoms:
+        geom.margin = margin / 2
+    for ball in (geom for body in balls for geom in body.geoms):
+        for geom in arena:
+            slide = max(ball.friction[0], geom.friction[0])
+            friction = [slide, slide, 0, 0, 0]  # condim 3: the other three are not used
+            spec.add_pair(geomname1=geom.name, geomname2=ball.name, condim=3, friction=friction)
+
+
+def _add_arena(spec: mujoco.MjSpec, geoms: Sequence[Mapping[str, Any]]) -> None:
+    for number, geom in enumerate(geoms):
         invisible_to_physics = geom.get("contype") == 0
         rgba = [1.0, 1.0, 1.0, 0.3] if invisible_to_physics else _GROUND
-        add_geom(spec.worldbody, geom, {}, "", rgba)
-    spec.worldbody.add_light(pos=[0, 0, 8], dir=[0, 0, -1])
+        add_geom(spec.worldbody, {"name": f"arena{number}", **geom}, {}, "", rgba)
+    dress(spec)
 
 
 def _add_sensors(spec: mujoco.MjSpec, touch: tuple[str, str] | None) -> None:

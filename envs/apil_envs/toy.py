@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from apil_core import NO_WINNER, ApilError, Game, GameLayout, GameStep, Section, SideLayout
+from apil_core import NO_WINNER, ApilError, Colour, Game, GameLayout, GameStep, Section, SideLayout
 from apil_envs.arrays import Array
 
 EVADER, PURSUER = 0, 1
@@ -87,7 +87,7 @@ class ToyPursuit(Game):
             ApilError: no game was ever reset.
         """
         playing = ~self._over if active is None else ~self._over & active
-        if not playing.any() and not self._clock.any():
+        if self._over.all() and not self._clock.any():
             raise ApilError("toy-pursuit: call reset() before the first step()")
         self._move(actions, playing)
         self._clock += playing
@@ -114,6 +114,28 @@ class ToyPursuit(Game):
         self._over[...] = state["over"]
         self._buffers[self._turn] = state["observations"]
         self._rng.bit_generator.state = json.loads(state["random"])
+
+    def render(self, row: int, width: int, height: int, colours: tuple[Colour, Colour]) -> Array:
+        """See :class:`apil_core.Game`; the dark spot is the gate, the ring around the pursuer its reach."""
+        from PIL import Image, ImageDraw
+
+        picture = Image.new("RGB", (2 * width, 2 * height), "white")  # halved below, for smooth edges
+        draw, middle = ImageDraw.Draw(picture), np.array([width, height])
+        scale = 0.85 * min(width, height)  # pixels per radius of the disc
+
+        def disc(centre: Array, radius: float, **style: Any) -> None:
+            x, y = middle + scale * centre * [1, -1]
+            draw.ellipse(
+                (x - scale * radius, y - scale * radius, x + scale * radius, y + scale * radius), **style
+            )
+
+        disc(np.zeros(2), 1.0, fill=(226, 232, 226), outline=(120, 130, 130), width=4)
+        disc(GATE, GATE_RADIUS, fill=(150, 160, 155))
+        evader, pursuer = self._position[:, row]
+        disc(pursuer, CATCH_RADIUS, outline=colours[PURSUER], width=3)
+        disc(evader, 0.04, fill=colours[EVADER])
+        disc(pursuer, 0.04, fill=colours[PURSUER])
+        return np.asarray(picture.resize((width, height), Image.Resampling.BOX))
 
     def _move(self, actions: tuple[Array, Array], playing: Array) -> None:
         way = np.clip(np.stack(actions), -1, 1) * SPEED[:, None]

@@ -1,0 +1,117 @@
+"""Hiding the opponent from an adversary (docs/methods.md §4): how much of its score rests on seeing it?"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
+
+import torch
+from torch import Tensor
+
+from apil_core.errors import ConfigError, UnknownNameError
+from apil_core.seeds import stream_seed
+from apil_core.types import View
+
+if TYPE_CHECKING:
+    from apil_core.pairing import Pairing
+
+BlindMode = Literal["zeros", "initial"]
+
+STARTS = 1024
+"""Starting states behind a typical value, at least."""
+
+_SEED, _STREAM = 0, "blinding starts"
+# not the evaluation's seed: what stands in for the opponent belongs to the game, not to the games played
+
+
+@dataclass(frozen=True)
+class Blinding:
+    """What an adversary sees in place of its opponent: the same in every game and step.
+
+    Attributes:
+        hidden: (o,) bool, the columns of its own observation that are replaced.
+        own: (o,) float32, what stands in those columns; the others are not read.
+        opponent: (o',) float32, what stands in place of the opponent's observation, and zeros in place
+            of its action; ``None``: both stay as they are.
+    """
+
+    hidden: Tensor
+    own: Tensor
+    opponent: Tensor | None = None
+
+    def __call__(self, view: View) -> View:
+        """The view that is left; ``view`` itself is not changed."""
+        own = torch.where(self.hidden, self.own, view.own)
+        if self.opponent is None:
+            return View(own, view.opponent, view.first, view.opponent_action)
+        action = view.opponent_action
+        return View(
+            own=own,
+            opponent=self.opponent.expand_as(view.opponent),
+            first=view.first,
+            opponent_action=None if action is None else torch.zeros_like(action),
+        )
+
+
+def check_blinding(mode: str | None, *, imitator: bool) -> None:
+    """Whether that is a way of blinding; before anything is loaded.
+
+    Raises:
+        ConfigError: ``imitator`` without a mode.
+        UnknownNameError: there is no such mode.
+    """
+    if mode is None and imitator:
+        raise ConfigError("--blind-imitator needs --blind zeros or --blind initial")
+    if mode not in (None, *get_args(BlindMode)):
+        raise UnknownNameError("blinding", str(mode), get_args(BlindMode))
+
+
+def make_blinding(pairing: Pairing, mode: BlindMode, *, imitator: bool = False) -> Blinding:
+    """Blind the adversary of a pairing. Plays no game, but reseeds and resets it.
+
+    Args:
+        pairing: its game names the channels about the opponent.
+        mode: ``"zeros"``, or ``"initial"``: their mean over many starting states. (A game's own start
+            would tell for all of the game where the opponent stood.)
+        imitator: hide the opponent's observation and action too, which methods may read besides.
+
+    Raises:
+        ConfigError: the game names no such channels.
+    """
+    layout = pairing.game.layout.sides[pairing.side]
+    channels = layout.opponent_channels
+    if not channels:
+        raise ConfigError(
+            f"cannot blind the {layout.name}: game {pairing.config.env!r} does not say which of its "
+            "observation's channels tell about the opponent (SideLayout.opponent_channels)"
+        )
+    hidden = torch.zeros(layout.observation_size, dtype=torch.bool, device=pairing.device)
+    hidden[list(channels)] = True
+    sizes = [side.observation_size for side in pairing.game.layout.sides]
+    if mode == "initial":
+        typical = typical_start(pairing)
+    else:
+        typical = [torch.zeros(size, device=pairing.device) for size in sizes]
+    return Blinding(hidden, typical[pairing.side], typical[1 - pairing.side] if imitator else None)
+
+
+@torch.inference_mode()
+def typical_start(pairing: Pairing, starts: int = STARTS) -> list[Tensor]:
+    """Mean starting observation of side 0 and 1 behind all filters, each (o,) float32.
+
+    Args:
+        pairing: its game is reseeded and reset.
+        starts: how many starting states at least.
+    """
+    game = pairing.game
+    game.seed(stream_seed(_SEED, _STREAM))
+    observation_filter = pairing.observation_filter(pairing.generators(_SEED, _STREAM))
+    rounds = math.ceil(starts / game.num_envs)
+    total: list[Tensor | float] = [0.0, 0.0]
+    for _ in range(rounds):
+        game.reset()
+        for side, observation in enumerate(game.observations):
+            seen = observation_filter(side, torch.from_numpy(observation).to(pairing.device))
+            total[side] = total[side] + seen.double().mean(0)
+    return [(torch.as_tensor(sums) / rounds).float() for sums in total]

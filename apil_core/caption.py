@@ -1,0 +1,137 @@
+"""What is written into pictures of a game: who plays, the score, the time, and how it ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from PIL import Image, ImageDraw, ImageFont
+
+from apil_core import colours
+from apil_core.game import Colour
+from apil_core.spectacle import Moment, Outcome, PlayedGame
+
+Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
+
+_DARK = (18, 22, 30, 205)  # ground of all text
+_WHITE: Colour = (245, 246, 248)
+_GREY: Colour = (196, 201, 209)
+_VERDICTS = {"win": "adversary wins", "loss": "victim wins", "tie": "tie"}
+_GROUNDS = {"win": colours.ADVERSARY, "loss": colours.VICTIM, "tie": colours.NEUTRAL}
+
+
+@dataclass
+class Score:
+    """Games so far, from the adversary's side."""
+
+    win: int = 0
+    tie: int = 0
+    loss: int = 0
+
+    def add(self, outcome: Outcome) -> None:
+        """Count one more game."""
+        setattr(self, outcome, getattr(self, outcome) + 1)
+
+
+@dataclass(frozen=True)
+class Cast:
+    """Who plays.
+
+    Attributes:
+        victim, adversary: seat and policy, e.g. ``"kicker, zoo:kick-and-defend/kicker/v1"``.
+        games: to be shown.
+        score: grows as games end.
+    """
+
+    victim: str
+    adversary: str
+    games: int
+    score: Score
+
+    def clock(self, moment: Moment) -> str:
+        """Game, time and step, in words."""
+        game = f"game {moment.number}, " if self.games > 1 else ""
+        return f"{game}{moment.seconds:.2f} s, step {moment.step}"
+
+    def text(self, moment: Moment) -> str:
+        """All there is to say, for a window."""
+        lines = [f"victim (blue): {self.victim}", f"adversary (red): {self.adversary}"]
+        score = self.score
+        lines.append(f"victim {score.loss} : {score.win} adversary, ties {score.tie}")
+        lines.append(self.clock(moment) if moment.ended is None else verdict(moment.ended))
+        return "\n".join(lines)
+
+
+def verdict(ended: PlayedGame) -> str:
+    """How a game ended, in words."""
+    return f"{_VERDICTS[ended.outcome]}: {ended.cause}"
+
+
+def board(width: int, size: float, cast: Cast) -> Image.Image:
+    """Both names and the score as one line, RGBA, in letters of that height."""
+    picture = Image.new("RGBA", (width, round(1.9 * size)), _DARK)
+    draw, middle, large = ImageDraw.Draw(picture), picture.height / 2, _font(1.15 * size)
+    score = f"{cast.score.loss} : {cast.score.win}"
+    score += f", ties {cast.score.tie}" if cast.score.tie else ""
+    draw.text((width / 2, middle), score, _WHITE, large, anchor="mm")
+    room = (width - draw.textlength(score, large)) / 2 - 2.5 * size
+    names = (("victim", cast.victim, colours.VICTIM), ("adversary", cast.adversary, colours.ADVERSARY))
+    for i, (role, name, colour) in enumerate(names):
+        edge, x, anchor = ((0.0, size, "lm"), (width - size / 2, width - size, "rm"))[i]
+        draw.rectangle((edge, 0, edge + size / 2, picture.height), fill=colour)
+        text, font = _fitting(f"{role}: {name}", room, size)
+        draw.text((x, middle), text, colours.light(colour), font, anchor=anchor)
+    return picture
+
+
+def scoreboard(picture: Image.Image, cast: Cast) -> None:
+    """Draw both names and the score across the top."""
+    line = board(picture.width, min(letter_size(picture), picture.width / 50), cast)
+    picture.paste(line, (0, 0), line)
+
+
+def clock(picture: Image.Image, text: str) -> None:
+    """Draw the time into the lower left corner."""
+    _label(picture, text, (0.0, 1.0), _DARK, _GREY, letter_size(picture))
+
+
+def banner(picture: Image.Image, ended: PlayedGame) -> None:
+    """Draw the outcome across the upper middle, where there is sky, in the winner's colour."""
+    ground = (*_GROUNDS[ended.outcome], 235)
+    _label(picture, verdict(ended), (0.5, 0.1), ground, _WHITE, 1.5 * letter_size(picture))
+
+
+def letter_size(picture: Image.Image) -> float:
+    """Height of the letters that suits a picture, pixels."""
+    return max(8.0, picture.height / 26)
+
+
+def _label(
+    picture: Image.Image,
+    text: str,
+    place: tuple[float, float],
+    ground: tuple[int, int, int, int],
+    colour: Colour,
+    size: float,
+) -> None:
+    """Text in a box at that share of the room there is, (0, 0) upper left to (1, 1) lower right."""
+    text, font = _fitting(text, picture.width - size, size)
+    width, height = font.getlength(text) + size, 1.7 * size
+    left, top = place[0] * (picture.width - width), place[1] * (picture.height - height)
+    ImageDraw.Draw(picture, "RGBA").rectangle((left, top, left + width, top + height), fill=ground)
+    middle = (left + width / 2, top + height / 2)
+    ImageDraw.Draw(picture).text(middle, text, colour, font, anchor="mm")
+
+
+def _fitting(text: str, room: float, size: float) -> tuple[str, Font]:
+    """The text in letters of at most that height, smaller or cut short where there is too little room."""
+    smallest = 0.7 * size
+    while size > smallest and _font(size).getlength(text) > room:
+        size -= 0.5
+    font = _font(size)
+    while text.rstrip(".") and font.getlength(text) > room:
+        text = text.rstrip(".")[:-1] + "..."
+    return text, font
+
+
+def _font(size: float) -> Font:
+    return ImageFont.load_default(size)

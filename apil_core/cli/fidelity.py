@@ -1,0 +1,137 @@
+"""``apil fidelity``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from apil_core.cli.flags import Json, Plugins, Quiet
+from apil_core.cli.output import console, print_json, table
+from apil_core.cli.progress import make_progress
+from apil_core.cli.readout import percent
+
+if TYPE_CHECKING:
+    from apil_core.fidelity import FidelityRow, Figure
+    from apil_core.fidelity_plan import SkippedMatchup
+    from apil_core.plugins import PluginRegistry
+    from apil_core.specs import GameSpec
+
+
+def fidelity(
+    *,
+    game: Annotated[list[str] | None, Parameter(help="Only this game; repeatable [default: all].")] = None,
+    episodes: Annotated[int, Parameter(help="Games per row; 1000 give ± 3 points at 50 %.")] = 1000,
+    switches: Annotated[
+        bool, Parameter(show_default=False, help="Also play every single switch: action modes, game options.")
+    ] = False,
+    switch_episodes: Annotated[int, Parameter(help="Games per switch and per variant.")] = 300,
+    variant: Annotated[
+        list[str] | None,
+        Parameter(
+            metavar="KEY=VALUE,…",
+            help="Also play this combination of adversary_actions, victim_actions and game options, "
+            "wherever a game has them; repeatable.",
+        ),
+    ] = None,
+    seed: Annotated[int, Parameter(help="Seed of the games and of all draws.")] = 0,
+    num_envs: Annotated[int, Parameter(help="Games in parallel at most; a seed's games depend on it.")] = 128,
+    threads: Annotated[int, Parameter(help="Physics threads; 0: all CPUs. Never changes results.")] = 0,
+    out: Annotated[
+        Path | None,
+        Parameter(help="Keep finished rows in this file, and play only those not yet in it."),
+    ] = None,
+    plugin: Plugins | None = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Play the published pairings of pretrained agents and compare with the published scores.
+
+    Scores are the adversary's, with Wilson 95 % intervals; differences are measured minus published,
+    with Newcombe 95 % intervals. "agrees" means that 0 lies in that interval, and no more than that.
+    """
+    from apil_core.fidelity import FidelityFile, missing_policy, play_rows
+    from apil_core.fidelity_plan import PlanRequest, plan_rows
+    from apil_core.plugins import discover
+
+    plugins = discover(plugin or [])
+    variants = [_assignments(text) for text in variant or ()]
+    request = PlanRequest(episodes, switch_episodes, switches, variants, seed, num_envs)
+    plan = plan_rows(_games(plugins, game), request, missing_policy(plugins))
+    file = None if out is None else FidelityFile(out)
+    with make_progress(quiet=quiet) as progress:
+        rows = play_rows(plan.rows, plugins=plugins, threads=threads, progress=progress, file=file)
+    if as_json:
+        print_json(
+            {
+                name: [x.model_dump(mode="json") for x in listed]
+                for name, listed in (("rows", rows), ("skipped", plan.skipped))
+            }
+        )
+    else:
+        _print(rows, plan.skipped)
+
+
+def _games(plugins: PluginRegistry, names: list[str] | None) -> list[GameSpec]:
+    from apil_core.registry import game_spec
+
+    if names:
+        return [game_spec(name, plugins) for name in dict.fromkeys(names)]
+    return list(plugins.games.values())
+
+
+def _assignments(text: str) -> dict[str, Any]:
+    """``a=1,b=x`` as a mapping; values are read as YAML."""
+    from apil_core.config_layers import parse_yaml
+    from apil_core.errors import ConfigError
+
+    pairs = [part.partition("=") for part in text.split(",")]
+    if not all(key.strip() and equals for key, equals, _ in pairs):
+        raise ConfigError(
+            f"--variant {text}: expected key=value,key=value, e.g. solver=Newton,integrator=Euler"
+        )
+    lines = "\n".join(f"{key.strip()}: {value}" for key, _, value in pairs)
+    return parse_yaml(lines, f"--variant {text}")[0]
+
+
+def _print(rows: list[FidelityRow], skipped: list[SkippedMatchup]) -> None:
+    out = console()
+    if rows:
+        shown = table(
+            "game",
+            "adversary",
+            "victim",
+            "actions",
+            "games>",
+            "figure",
+            "measured>",
+            "published>",
+            "difference in points",
+        )
+        for row in rows:
+            for name, figure in (("win", row.win), ("win+tie", row.win_or_tie)):
+                shown.add_row(*(_who(row) if name == "win" else [""] * 5), name, *_cells(figure))
+        out.print(shown)
+        for row in rows:
+            ranked = sorted(row.result.causes.items(), key=lambda item: -item[1])
+            endings = ", ".join(f"{name} {count}" for name, count in ranked)
+            facts = f"mean length {row.result.mean_length:.0f}, {row.result.wall_seconds:.0f} s"
+            out.print(f"{row.plan.env}, {row.plan.setting}: {endings}; {facts}", markup=False)
+    else:
+        out.print("nothing played: no game here names a pairing whose weights are on this machine")
+    for row in {row.plan.adversary: row for row in rows if row.plan.stands_in_for}.values():
+        out.print(f"* {row.plan.adversary} stands in for {row.plan.stands_in_for}", markup=False)
+    for matchup in skipped:
+        out.print(f"skipped {matchup.env}, {matchup.adversary}: {matchup.reason}", markup=False)
+
+
+def _who(row: FidelityRow) -> list[str]:
+    plan = row.plan
+    adversary = f"{plan.adversary}*" if plan.stands_in_for else plan.adversary
+    return [plan.env, adversary, plan.victim, plan.setting, str(row.result.episodes)]
+
+
+def _cells(figure: Figure) -> list[str]:
+    published = "–" if figure.published is None else f"{figure.published:g} %"
+    return [percent(figure.measured), published, figure.verdict]

@@ -1,0 +1,225 @@
+"""How close a game is to its original: measured scores beside published ones.
+
+A verdict here is a statement about noise: whether the difference of two shares could be chance. It is
+none about whether the physics, the rules or the published figure are right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from importlib import metadata
+from pathlib import Path
+
+from pydantic import BaseModel, ValidationError, computed_field
+
+from apil_core.difference import Difference, difference
+from apil_core.errors import ConfigError, UnknownNameError, VictimError
+from apil_core.evaluation import EvaluationResult, Rate
+from apil_core.evaluator import evaluate
+from apil_core.fidelity_plan import RowPlan
+from apil_core.files import write_atomically
+from apil_core.plugins import PluginRegistry
+from apil_core.progress import Progress
+from apil_core.registry import load_policy
+
+
+class Figure(BaseModel):
+    """One share beside its published value.
+
+    Attributes:
+        measured: share of games, with its Wilson interval.
+        published: per cent, or ``None``.
+        difference: measured minus published, with Newcombe's interval; ``None`` without a published one.
+    """
+
+    measured: Rate
+    published: float | None = None
+    difference: Difference | None = None
+
+    @computed_field  # type: ignore[prop-decorator]
+    @property
+    def verdict(self) -> str:
+        """``agrees: +1.2 [-2.8, 5.2]`` or ``differs by +5.2 [1.3, 9.1]``, in points; empty if unpublished."""
+        if self.difference is None:
+            return ""
+        what = "agrees:" if self.difference.within_noise else "differs by"
+        value, low, high = (
+            100 * x for x in (self.difference.value, self.difference.low, self.difference.high)
+        )
+        return f"{what} {value:+.1f} [{low:.1f}, {high:.1f}]"
+
+
+class FidelityRow(BaseModel):
+    """A row that was played: its plan, the score, and both figures beside the published ones."""
+
+    plan: RowPlan
+    result: EvaluationResult
+
+    @computed_field  # type: ignore[prop-decorator]
+    @property
+    def win(self) -> Figure:
+        """The adversary's wins."""
+        score = self.plan.published
+        return self._figure(self.result.wins, self.result.win_rate, None if score is None else score.win)
+
+    @computed_field  # type: ignore[prop-decorator]
+    @property
+    def win_or_tie(self) -> Figure:
+        """The adversary's wins and ties."""
+        score, count = self.plan.published, self.result.wins + self.result.ties
+        return self._figure(count, self.result.win_or_tie_rate, None if score is None else score.win_or_tie)
+
+    def _figure(self, count: int, measured: Rate, percent: float | None) -> Figure:
+        score = self.plan.published
+        if score is None or percent is None:
+            return Figure(measured=measured)
+        base = round(percent * score.games / 100)
+        compared = difference(count, self.result.episodes, base, score.games)
+        return Figure(measured=measured, published=percent, difference=compared)
+
+
+def missing_policy(plugins: PluginRegistry) -> Callable[[str], str | None]:
+    """Why a policy cannot be played here, by its name; ``None`` if it can."""
+
+    def reason(name: str) -> str | None:
+        try:
+            load_policy(name, plugins=plugins)
+        except (VictimError, UnknownNameError) as error:
+            return str(error)
+        return None
+
+    return reason
+
+
+class FidelityFile:
+    """Finished rows on disk, one JSON object a line: rows are hours of work.
+
+    Args:
+        path: created if it is not there.
+
+    Raises:
+        ConfigError: a line is no row.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.rows: list[FidelityRow] = []
+        if path.is_dir() or not path.parent.is_dir():
+            raise ConfigError(
+                f"{path}: {'is a directory' if path.is_dir() else 'its directory does not exist'}"
+            )
+        lines = path.read_text("utf-8").splitlines() if path.exists() else []
+        for number, line in enumerate(lines, start=1):
+            try:
+                self.rows.append(FidelityRow.model_validate_json(line))
+            except ValidationError as error:
+                raise ConfigError(f"{path}:{number}: this line is no row of apil fidelity") from error
+
+    def played(self, plans: Iterable[RowPlan]) -> dict[tuple[object, ...], FidelityRow]:
+        """Rows of ``plans`` that are in the file, by identity.
+
+        Raises:
+            ConfigError: one of them was played with other settings than asked for now.
+        """
+        here = {row.plan.identity: row for row in self.rows}
+        found = {}
+        for plan in plans:
+            row = here.get(plan.identity)
+            if row is not None:
+                self._check_same(plan, row)
+                # what was published may have been corrected since; the games stay what they were
+                found[plan.identity] = row.model_copy(update={"plan": plan})
+        return found
+
+    def add(self, row: FidelityRow) -> None:
+        """Keep one more row.
+
+        Raises:
+            RunDirError: the file cannot be written; what was in it is untouched.
+        """
+        self.rows.append(row)
+        computed = {"win", "win_or_tie"}
+        text = "".join(f"{kept.model_dump_json(exclude=computed)}\n" for kept in self.rows)
+        write_atomically(self.path, lambda file: file.write(text.encode()))
+
+    def _check_same(self, plan: RowPlan, row: FidelityRow) -> None:
+        then = {name: getattr(row.result, name) for name in ("episodes", "seed", "num_envs")}
+        now = {name: getattr(plan, name) for name in then}
+        then |= {"mujoco": row.result.versions.get("mujoco")}
+        now |= {"mujoco": metadata.version("mujoco")}
+        for name, value in then.items():
+            if value != now[name]:
+                raise ConfigError(
+                    f"{self.path} holds {plan.env}, {plan.setting} with {name} {value}, this call has "
+                    f"{now[name]}: take another --out file, or the same settings"
+                )
+
+
+def play_rows(
+    plans: Iterable[RowPlan],
+    *,
+    plugins: PluginRegistry,
+    threads: int = 0,
+    progress: Progress | None = None,
+    file: FidelityFile | None = None,
+) -> list[FidelityRow]:
+    """Play every row that ``file`` does not have yet, keeping each as soon as it is finished.
+
+    Args:
+        plans: in the order of playing.
+        plugins: know the games and the policies.
+        threads: physics threads (0: all CPUs); never changes the result.
+        progress: told of the games played and of each finished row.
+        file: where rows are kept and taken from.
+
+    Raises:
+        ApilError: anything wrong with names, options or the file.
+    """
+    plans = list(plans)
+    progress = progress or Progress()
+    rows = {} if file is None else file.played(plans)
+    for plan in plans:
+        if plan.identity in rows:
+            continue
+        row = FidelityRow(plan=plan, result=_play(plan, plugins, threads, progress))
+        if file is not None:
+            file.add(row)
+        rows[plan.identity] = row
+        progress.note(f"{len(rows)} of {len(plans)} rows: {summary(row)}")
+    return [rows[plan.identity] for plan in plans]
+
+
+def _play(plan: RowPlan, plugins: PluginRegistry, threads: int, progress: Progress) -> EvaluationResult:
+    return evaluate(
+        plan.adversary,
+        env=plan.env,
+        victim=plan.victim,
+        episodes=plan.episodes,
+        adversary_actions=plan.adversary_actions,
+        victim_actions=plan.victim_actions,
+        game_options=plan.options,
+        seed=plan.seed,
+        num_envs=plan.num_envs,
+        threads=threads,
+        plugins=plugins,
+        progress=progress,
+    )
+
+
+def summary(row: FidelityRow) -> str:
+    """One line: the row, its shares, and the verdicts if there are any."""
+    win, either = (100 * figure.measured.value for figure in (row.win, row.win_or_tie))
+    text = f"{row.plan.env}, {row.plan.setting}: {win:.1f} % wins, {either:.1f} % wins and ties"
+    verdicts = [figure.verdict for figure in (row.win, row.win_or_tie) if figure.verdict]
+    return f"{text} ({'; '.join(verdicts)})" if verdicts else text
+
+
+def read_rows(path: Path) -> list[FidelityRow]:
+    """The rows of a file that ``apil fidelity --out`` wrote.
+
+    Raises:
+        ConfigError: it is not there, or a line is no row.
+    """
+    if not path.is_file():
+        raise ConfigError(f"{path}: no such file")
+    return FidelityFile(path).rows

@@ -1,0 +1,224 @@
+"""Which games ``apil fidelity`` plays: every matchup of every game, as it is and with one thing switched.
+
+Pure data in, pure data out: what can be switched is read from the game's option model and from the
+matchup itself, so a third party's game gets the same report.
+"""
+
+from __future__ import annotations
+
+import typing
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from pydantic import BaseModel
+
+from apil_core.config import ActionMode, EvaluationConfig
+from apil_core.errors import ConfigError, suggest
+from apil_core.registry import options_model
+from apil_core.specs import GameSpec, Matchup, PublishedScore, load
+
+_MODE_KEYS = ("adversary_actions", "victim_actions")
+_MODES: tuple[ActionMode, ...] = ("sample", "mode")
+
+RowKind = Literal["default", "as-published", "switch", "variant"]
+
+
+class RowPlan(BaseModel):
+    """One row before it is played.
+
+    Attributes:
+        env: the game.
+        kind: the game's defaults, the published action modes, one switch of the defaults, or a variant
+            the user asked for.
+        options: the game's options that are not at their defaults.
+        published: what to compare with.
+        stands_in_for: the adversary ``published`` was measured with, if it is another one.
+    """
+
+    env: str
+    adversary: str
+    victim: str
+    kind: RowKind
+    adversary_actions: ActionMode
+    victim_actions: ActionMode
+    options: dict[str, Any] = {}
+    episodes: int
+    seed: int
+    num_envs: int
+    published: PublishedScore | None = None
+    stands_in_for: str | None = None
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        """What makes it another row than the others; the number of games and the seed do not."""
+        options = tuple(sorted((key, repr(value)) for key, value in self.options.items()))
+        return (self.env, self.adversary, self.victim, self.adversary_actions, self.victim_actions, options)
+
+    @property
+    def setting(self) -> str:
+        """``sampled/mode, solver Newton``: the adversary's and the victim's actions, and what is switched."""
+        how = {"sample": "sampled", "mode": "mode"}
+        parts = [f"{how[self.adversary_actions]}/{how[self.victim_actions]}"]
+        parts += [f"{key} {value}" for key, value in self.options.items()]
+        return ", ".join(parts)
+
+
+class SkippedMatchup(BaseModel):
+    """A matchup that cannot be played here, and why."""
+
+    env: str
+    adversary: str
+    victim: str
+    reason: str
+
+
+@dataclass
+class PlanRequest:
+    """What the user wants played.
+
+    Attributes:
+        episodes: games per default and as-published row.
+        switch_episodes: games per switch and variant.
+        switches: whether to play every single switch too.
+        variants: further settings, each a set of ``adversary_actions``, ``victim_actions`` and options of
+            the game; played for every game that has all of these options.
+        seed: of every row.
+        num_envs: games in parallel at most.
+    """
+
+    episodes: int = 1000
+    switch_episodes: int = 300
+    switches: bool = False
+    variants: Sequence[Mapping[str, Any]] = ()
+    seed: int = 0
+    num_envs: int = 128
+
+
+@dataclass
+class Plan:
+    """What will be played, most telling rows first, and what cannot be."""
+
+    rows: list[RowPlan] = field(default_factory=list)
+    skipped: list[SkippedMatchup] = field(default_factory=list)
+
+
+def plan_rows(games: Iterable[GameSpec], request: PlanRequest, missing: Callable[[str], str | None]) -> Plan:
+    """Lay out the rows: defaults of all games, then as published, then switches, then variants.
+
+    Args:
+        games: whose matchups are played.
+        request: how much of it.
+        missing: why a policy cannot be played here, by its name; ``None`` if it can.
+
+    Raises:
+        ConfigError: a number below 1, or a variant that fits no game or that a game's options refuse.
+    """
+    _check(request)
+    plan = Plan()
+    playable: list[tuple[GameSpec, Matchup]] = []
+    for spec in games:
+        lacking = {name: missing(name) for m in spec.matchups for name in (m.adversary, m.victim)}
+        for matchup in spec.matchups:
+            reason = lacking[matchup.adversary] or lacking[matchup.victim]
+            if reason is not None:
+                facts = {"env": spec.name, "adversary": matchup.adversary, "victim": matchup.victim}
+                plan.skipped.append(SkippedMatchup(**facts, reason=reason))
+            elif matchup.stands_in_for is None or lacking.get(matchup.stands_in_for):
+                playable.append((spec, matchup))
+    _check_variants(request.variants, [spec for spec, _ in playable])
+    unique: dict[tuple[object, ...], RowPlan] = {}
+    for kind in typing.get_args(RowKind):
+        for spec, matchup in playable:
+            for row in _rows(kind, spec, matchup, request):
+                unique.setdefault(row.identity, row)
+    plan.rows = list(unique.values())
+    return plan
+
+
+def switches(model: type[BaseModel] | None) -> list[dict[str, Any]]:
+    """One switch at a time: the other action modes, then each other value of each flag and choice.
+
+    Numbers are not switched: a model does not say which other number would mean anything.
+
+    Args:
+        model: the game's option model, or ``None``.
+    """
+    default = _default_modes()
+    pairs = [dict(zip(_MODE_KEYS, (a, b), strict=True)) for a in _MODES for b in _MODES]
+    found: list[dict[str, Any]] = [pair for pair in pairs if pair != default]
+    for name, info in ({} if model is None else model.model_fields).items():
+        found += [{name: value} for value in _choices(info.annotation) if value != info.default]
+    return found
+
+
+def _rows(kind: RowKind, spec: GameSpec, matchup: Matchup, request: PlanRequest) -> Iterator[RowPlan]:
+    model = _model(spec)
+    changes: list[dict[str, Any]] = []
+    if kind == "default":
+        changes = [{}]
+    elif kind == "as-published" and matchup.published is not None:
+        known = {key: getattr(matchup.published, key) for key in _MODE_KEYS}
+        changes = [{key: mode for key, mode in known.items() if mode is not None}]
+    elif kind == "switch" and request.switches:
+        changes = switches(model)
+    elif kind == "variant":
+        changes = [dict(variant) for variant in request.variants if _fits(variant, model)]
+    episodes = request.episodes if kind in ("default", "as-published") else request.switch_episodes
+    for change in changes:
+        modes = {key: change.pop(key, mode) for key, mode in _default_modes().items()}
+        yield RowPlan(
+            env=spec.name,
+            adversary=matchup.adversary,
+            victim=matchup.victim,
+            kind=kind,
+            **modes,
+            options=change,
+            episodes=episodes,
+            seed=request.seed,
+            num_envs=min(episodes, request.num_envs),
+            published=matchup.published,
+            stands_in_for=matchup.stands_in_for,
+        )
+
+
+def _default_modes() -> dict[str, ActionMode]:
+    config = EvaluationConfig()
+    return {"adversary_actions": config.adversary_actions, "victim_actions": config.victim_actions}
+
+
+def _model(spec: GameSpec) -> type[BaseModel] | None:
+    return None if spec.config is None else load(spec.config)
+
+
+def _choices(annotation: Any) -> tuple[Any, ...]:
+    if annotation is bool:
+        return (False, True)
+    return typing.get_args(annotation) if typing.get_origin(annotation) is Literal else ()
+
+
+def _fits(variant: Mapping[str, Any], model: type[BaseModel] | None) -> bool:
+    return variant.keys() - set(_MODE_KEYS) <= ({} if model is None else model.model_fields).keys()
+
+
+def _check(request: PlanRequest) -> None:
+    for name in ("episodes", "switch_episodes", "num_envs"):
+        if getattr(request, name) < 1:
+            raise ConfigError(f"{name} must be at least 1, got {getattr(request, name)}")
+
+
+def _check_variants(variants: Sequence[Mapping[str, Any]], games: Sequence[GameSpec]) -> None:
+    """Hours later would be too late to hear of a wrong value."""
+    known = {*_MODE_KEYS}.union(*(m.model_fields for m in map(_model, games) if m is not None))
+    for variant in variants:
+        for key, value in variant.items():
+            if key not in known:
+                raise ConfigError(f"variant: unknown key {key!r}{suggest(key, known)}")
+            if key in _MODE_KEYS and value not in _MODES:
+                raise ConfigError(f"variant: {key} must be sample or mode, got {value!r}")
+        fitting = [spec for spec in games if _fits(variant, _model(spec))]
+        if games and not fitting:
+            raise ConfigError(f"variant: no game has all of {', '.join(variant)}")
+        for spec in fitting:
+            options = {key: value for key, value in variant.items() if key not in _MODE_KEYS}
+            options_model(spec.config, options, f"variant: game {spec.name}")

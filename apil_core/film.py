@@ -1,0 +1,89 @@
+"""A video of games, written frame by frame."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+from types import ModuleType
+
+from PIL import Image
+
+from apil_core.errors import ApilError
+from apil_core.extras import need
+
+CODECS = ("libx264", "libopenh264", "h264")
+"""H.264 encoders, the first that this PyAV has."""
+
+_QUALITY = {"crf": "20"}
+
+
+def pace(seconds_per_step: float, speed: float, fps: float) -> tuple[int, Fraction]:
+    """How many steps there are to a frame, and how many frames to a second.
+
+    Steps are left out rather than frames repeated: at 0.015 s a step and 30 fps every other step is
+    shown, 33.3 to the second.
+
+    Args:
+        seconds_per_step: simulated time of a step, s.
+        speed: 1 is real time, 0.5 slow motion.
+        fps: what the frame rate should be near to.
+    """
+    shown = seconds_per_step / speed
+    stride = max(1, round(1 / (fps * shown)))
+    return stride, Fraction(1 / (stride * shown)).limit_denominator(1000)
+
+
+def check_film(path: Path, width: int, height: int) -> None:
+    """Whether a video can be written there.
+
+    Raises:
+        ApilError: PyAV is missing, or path or size will not do.
+    """
+    if _codec(need("av", "av", "videos")) is None:
+        raise ApilError("this build of PyAV has no H.264 encoder; its wheels have: pip install av")
+    if path.suffix.lower() != ".mp4":
+        raise ApilError(f"{path}: videos are .mp4 files")
+    if width % 2 or height % 2:
+        raise ApilError(f"a video's width and height must be even, got {width} × {height}")
+
+
+class Film:
+    """An H.264 video in an mp4 file, which is there once :meth:`close` was called.
+
+    Args:
+        path: of the file.
+        width, height: of the frames, pixels, even.
+        rate: frames per second.
+    """
+
+    def __init__(self, path: Path, width: int, height: int, rate: Fraction):
+        self.path = path
+        self.rate = rate
+        self.frames = 0
+        self._av = need("av", "av", "videos")
+        self._part = path.with_name(f".{path.name}.part")
+        self._container = self._av.open(str(self._part), "w", format="mp4")
+        self._stream = self._container.add_stream(_codec(self._av), rate=rate, options=_QUALITY)
+        self._stream.width, self._stream.height = width, height
+        self._stream.pix_fmt = "yuv420p"
+
+    def add(self, picture: Image.Image, seconds: float = 0.0) -> None:
+        """Append a picture: one frame, or as many as fill so many seconds."""
+        for _ in range(max(1, round(seconds * self.rate))):
+            self._container.mux(self._stream.encode(self._av.VideoFrame.from_image(picture)))
+            self.frames += 1
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._container.mux(self._stream.encode())
+        self._container.close()
+        self._part.replace(self.path)
+
+    def discard(self) -> None:
+        """Leave nothing behind."""
+        self._container.close()
+        self._part.unlink(missing_ok=True)
+
+
+def _codec(av: ModuleType) -> str | None:
+    return next((name for name in CODECS if name in av.codecs_available), None)

@@ -1,0 +1,247 @@
+"""An adversary and a victim, loaded by name and ready to play: what scoring and watching start from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypedDict
+
+import torch
+
+from apil_core import checkpoint
+from apil_core.build import BASELINES, adversary_policy, check_device, load_victim, victim_name, victim_side
+from apil_core.checkpoint_fit import POLICY_KEYS, check_same_run, fitting
+from apil_core.config import ActionMode, RunConfig
+from apil_core.config_io import with_game_options
+from apil_core.errors import ConfigError, RunDirError
+from apil_core.files import sha256
+from apil_core.game import Game
+from apil_core.observation_filter import ObservationFilter
+from apil_core.play import Players, Seat
+from apil_core.plugins import PluginRegistry, discover
+from apil_core.policy import Policy, PolicyInfo
+from apil_core.registry import default_plugins, make_game
+from apil_core.run_hooks import RunHookManager
+from apil_core.rundir import RunDir
+from apil_core.seeds import stream_generator
+from apil_core.types import Context
+
+
+@dataclass
+class Pairing:
+    """Who plays what against whom. Use it in ``with``, or call :meth:`close`.
+
+    Attributes:
+        config: the adversary's run's (a named policy: the defaults), adjusted to what was asked for.
+        game: not yet seeded.
+        adversary, victim: the players.
+        side: index of the adversary's seat.
+        hooks: of the adversary's run, or ``None`` for a named policy.
+        steps: the adversary was trained for, or ``None`` for a named policy.
+    """
+
+    config: RunConfig
+    game: Game
+    adversary: Policy
+    victim: Policy
+    side: int
+    hooks: RunHookManager | None = None
+    steps: int | None = None
+
+    @property
+    def device(self) -> torch.device:
+        """Where the networks live."""
+        return torch.device(self.config.device)
+
+    def players(self, seed: int) -> Players:
+        """Both in their seats, each with its action mode and a generator of its own."""
+        modes = self.config.evaluation
+        generators = self.generators(seed, "evaluation seat")
+        who = {
+            self.side: (self.adversary, modes.adversary_actions),
+            1 - self.side: (self.victim, modes.victim_actions),
+        }
+        first, second = (Seat(who[i][0], who[i][1] == "sample", generators[i]) for i in (0, 1))
+        return Players((first, second), self.side, self.device, self.observation_filter(generators))
+
+    def generators(self, seed: int, stream: str) -> tuple[torch.Generator, torch.Generator]:
+        """One for each side."""
+        first, second = (stream_generator(seed, f"{stream} {side}", self.device) for side in (0, 1))
+        return first, second
+
+    def observation_filter(self, generators: Sequence[torch.Generator]) -> ObservationFilter:
+        """The run's ``filter_observation`` hooks; side i's draw from ``generators[i]``."""
+        contexts = {
+            side: Context(
+                side=side,
+                role="adversary" if side == self.side else "victim",
+                mode="eval",
+                device=self.device,
+                generator=generator,
+            )
+            for side, generator in enumerate(generators)
+        }
+        return ObservationFilter(self.hooks, contexts)
+
+    def attribution(self) -> AbstractContextManager[None]:
+        """Put a plugin's name on what its hooks raise."""
+        return self.hooks.attribution() if self.hooks is not None else nullcontext()
+
+    def close(self) -> None:
+        """Release the game."""
+        self.game.close()
+
+    def __enter__(self) -> Pairing:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class PairingOptions(TypedDict, total=False):
+    """Keywords of :func:`load_pairing` for functions that pass them on, ``seed`` and ``num_envs`` aside."""
+
+    env: str | None
+    victim: str | None
+    adversary_actions: ActionMode | None
+    victim_actions: ActionMode | None
+    game_options: Mapping[str, Any] | None
+    sets: Sequence[str]
+    threads: int
+    device: str
+    plugins: PluginRegistry | None
+    plugin_files: Sequence[str]
+    checkpoint_path: Path | None
+
+
+def load_pairing(
+    adversary: Path | str,
+    *,
+    num_envs: int,
+    env: str | None = None,
+    victim: str | None = None,
+    adversary_actions: ActionMode | None = None,
+    victim_actions: ActionMode | None = None,
+    game_options: Mapping[str, Any] | None = None,
+    sets: Sequence[str] = (),
+    seed: int = 0,
+    threads: int = 0,
+    device: str = "cpu",
+    plugins: PluginRegistry | None = None,
+    plugin_files: Sequence[str] = (),
+    checkpoint_path: Path | None = None,
+) -> Pairing:
+    """Load an adversary, its victim and their game.
+
+    Args:
+        adversary: a run directory, or a policy name such as ``"zoo:kick-and-defend/defender/v1"``;
+            ``"random"`` and ``"zero"`` do for either player.
+        num_envs: games in parallel.
+        env: the game; needed for a policy name, and only allowed to repeat a run's own.
+        victim: policy name, or a run that trained this seat; default: the run's victim, or the game's.
+        adversary_actions, victim_actions: ``"sample"`` or ``"mode"``; default: the run's setting.
+        game_options: single options of the game to change.
+        sets: the same as ``game.KEY=VALUE`` texts; they have the last word.
+        seed: of what stochastic hooks of the adversary draw from.
+        threads: physics threads (0: all CPUs); never changes the result.
+        device: of the networks.
+        plugins: registry to use; default: installed plugins plus the run's one-file plugins.
+        plugin_files: further one-file plugins.
+        checkpoint_path: take this checkpoint of the run rather than its newest.
+
+    Raises:
+        ApilError: anything wrong with the names, files, options or sizes given.
+    """
+    check_device(device)
+    run_dir, stored = _stored(adversary, env)
+    plugins = plugins or _plugins([stored, *_victims_config(victim)], plugin_files)
+    config = with_game_options(stored, plugins, game_options, sets)
+    _adjust(config, victim, device, adversary_actions, victim_actions)
+    side = 1 - victim_side(config, plugins)
+    game = make_game(config.env, num_envs=num_envs, threads=threads, options=config.game, plugins=plugins)
+    try:
+        opponent = _load_victim(config, game, 1 - side, plugins, seed)
+        if run_dir is None:
+            named = load_victim(str(adversary), game, side, device, plugins)
+            return Pairing(config, game, named, opponent, side)
+        trained = _load_adversary(run_dir, config, game, plugins, seed, checkpoint_path)
+        return Pairing(config, game, trained[0], opponent, side, *trained[1:])
+    except BaseException:
+        game.close()
+        raise
+
+
+def _load_adversary(
+    run_dir: RunDir, config: RunConfig, game: Game, plugins: PluginRegistry, seed: int, path: Path | None
+) -> tuple[Policy, RunHookManager, int]:
+    """The adversary of a run's newest (or given) checkpoint, its hooks, and its training steps."""
+    path = path or run_dir.newest_checkpoint()
+    state = checkpoint.read(path)
+    check_same_run(state, config, path, POLICY_KEYS)
+    side = 1 - victim_side(config, plugins)
+    seat = game.layout.sides[side]
+    info = PolicyInfo(f"run:{run_dir.path}", sha256(path), seat.observation_size, seat.action_size)
+    with fitting(path):
+        policy, hooks = adversary_policy(state, info, config, game, side, plugins, seed)
+    return policy, hooks, int(state["steps"])
+
+
+def _load_victim(config: RunConfig, game: Game, side: int, plugins: PluginRegistry, seed: int) -> Policy:
+    """The policy in the victim's seat: a named one, or what a run trained for that seat."""
+    name = victim_name(config, plugins)
+    if not Path(name).is_dir():
+        return load_victim(name, game, side, config.device, plugins)
+    run_dir = RunDir(name)
+    theirs = run_dir.config().model_copy(update={"device": config.device})
+    trained = 1 - victim_side(theirs, plugins)
+    if (theirs.env, trained) != (config.env, side):
+        seats = (plugins.game(theirs.env).sides[trained], game.layout.sides[side].name)
+        raise ConfigError(
+            f"{name} trained the {seats[0]} of {theirs.env}; it cannot be the {seats[1]} of {config.env}"
+        )
+    policy, hooks, _ = _load_adversary(run_dir, theirs, game, plugins, seed, None)
+    if hooks.fills("filter_observation"):
+        raise ConfigError(f"{name} filters what both sides see; it can only play as the adversary")
+    return policy
+
+
+def _victims_config(victim: str | None) -> list[RunConfig]:
+    return [RunDir(victim).config()] if victim is not None and Path(victim).is_dir() else []
+
+
+def _stored(adversary: Path | str, env: str | None) -> tuple[RunDir | None, RunConfig]:
+    """The run behind ``adversary`` and its settings, or none and the defaults for a policy name."""
+    if Path(adversary).is_dir():
+        run_dir = RunDir(adversary)
+        config = run_dir.config()
+        if env not in (None, config.env):
+            raise ConfigError(f"{adversary} was trained on {config.env}; it cannot play {env}")
+        return run_dir, config
+    if ":" not in str(adversary) and str(adversary) not in BASELINES:
+        raise RunDirError(f"{adversary} is neither a run directory nor a policy name like zoo:GAME/ROLE/v1")
+    if env is None:
+        raise ConfigError(f"say which game {adversary} plays: --env GAME")
+    return None, RunConfig(env=env)
+
+
+def _plugins(configs: Sequence[RunConfig], plugin_files: Sequence[str]) -> PluginRegistry:
+    files = [*(file for config in configs for file in config.plugins), *plugin_files]
+    return discover(list(dict.fromkeys(files))) if files else default_plugins()
+
+
+def _adjust(
+    config: RunConfig,
+    victim: str | None,
+    device: str,
+    adversary_actions: ActionMode | None,
+    victim_actions: ActionMode | None,
+) -> None:
+    config.device = device
+    if victim is not None:
+        config.victim = victim
+    if adversary_actions is not None:
+        config.evaluation.adversary_actions = adversary_actions
+    if victim_actions is not None:
+        config.evaluation.victim_actions = victim_actions

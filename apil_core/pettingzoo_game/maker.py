@@ -1,0 +1,109 @@
+"""From ``module:callable`` to environments, in this process and in workers."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import packages_distributions
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+from pettingzoo import AECEnv, ParallelEnv
+
+from apil_core.errors import ConfigError
+from apil_core.plugins import import_file
+
+
+def one_line(error: BaseException) -> str:
+    """Kind and text of an exception that is not ours."""
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
+@dataclass(frozen=True)
+class Maker:
+    """Makes one environment per call.
+
+    Attributes:
+        target: ``"module:callable"``.
+        kwargs: of the callable.
+        file: where the module was loaded from; a worker that was not forked finds a one-file plugin so.
+    """
+
+    target: str
+    kwargs: dict[str, Any] = field(default_factory=dict)
+    file: str | None = None
+
+    @classmethod
+    def find(cls, target: str, kwargs: dict[str, Any]) -> Maker:
+        """Import the module and look the callable up.
+
+        Raises:
+            ConfigError: there is no such thing, or it is not callable.
+        """
+        module, _, attribute = target.partition(":")
+        if not module or not attribute:
+            raise ConfigError(f"game pettingzoo:{target}: expected pettingzoo:MODULE:CALLABLE")
+        try:
+            found = cls(target).callable
+        except Exception as error:
+            raise ConfigError(f"game pettingzoo:{target}: cannot be loaded: {one_line(error)}") from error
+        if not callable(found):
+            raise ConfigError(f"game pettingzoo:{target}: {attribute} is not callable")
+        return cls(target, kwargs, getattr(sys.modules[module], "__file__", None))
+
+    @property
+    def callable(self) -> Any:
+        """What the target names; imports the module if need be."""
+        module, _, attribute = self.target.partition(":")
+        with _prints_to_stderr():
+            if module in sys.modules or self.file is None or importlib.util.find_spec(module):
+                return attrgetter(attribute)(importlib.import_module(module))
+            return attrgetter(attribute)(import_file(Path(self.file)))
+
+    @property
+    def packages(self) -> tuple[str, ...]:
+        """Distributions with that module's top-level package; none for a file of one's own."""
+        return tuple(_distributions().get(self.target.partition(".")[0].partition(":")[0], ()))
+
+    def checked(self) -> ParallelEnv:
+        """A first environment, looked at more closely than the others.
+
+        Raises:
+            ConfigError: the callable fails, or gives no ``ParallelEnv`` of two agents.
+        """
+        name = f"game pettingzoo:{self.target}"
+        try:
+            env = self()
+        except Exception as error:
+            raise ConfigError(f"{name}: the environment cannot be made: {one_line(error)}") from error
+        if isinstance(env, AECEnv):
+            raise ConfigError(f"{name}: this is an AECEnv, played in turns; name its parallel_env instead")
+        if not isinstance(env, ParallelEnv):
+            raise ConfigError(f"{name}: expected a PettingZoo ParallelEnv, got {type(env).__name__}")
+        agents = list(env.possible_agents)
+        if len(agents) != 2:
+            raise ConfigError(f"{name}: a game has two agents, this one {len(agents)}: {', '.join(agents)}")
+        return env
+
+    def __call__(self) -> ParallelEnv:
+        """One environment."""
+        with _prints_to_stderr():
+            return self.callable(**self.kwargs)
+
+
+@cache
+def _distributions() -> Mapping[str, list[str]]:
+    return packages_distributions()
+
+
+@contextmanager
+def _prints_to_stderr() -> Iterator[None]:
+    """Libraries greet when they are imported; stdout is for results (``--json``)."""
+    with redirect_stdout(sys.stderr):
+        yield

@@ -1,0 +1,30 @@
+"""What an environment's ``render()`` gives, as a picture of the size asked for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from PIL import Image, ImageOps
+
+from apil_core.errors import ApilError
+from apil_core.game import Array
+
+
+def fitted(frame: Any, width: int, height: int) -> Array:
+    """``frame``, (any height, any width, 3 or 4) uint8, with bars where its shape does not fit.
+
+    Returns:
+        (height, width, 3) uint8.
+
+    Raises:
+        ApilError: it is no picture.
+    """
+    if isinstance(frame, str):
+        raise ApilError(f"its render() failed: {frame}")
+    if frame is None:
+        raise ApilError("its render() gives no picture; try --set game.kwargs.render_mode=rgb_array")
+    pixels = np.asarray(frame)
+    if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] not in (3, 4):
+        raise ApilError(f"its render() gives {pixels.dtype} of shape {pixels.shape}, not a picture")
+    return np.asarray(ImageOps.pad(Image.fromarray(pixels[..., :3]), (width, height)))

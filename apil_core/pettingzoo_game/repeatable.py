@@ -1,0 +1,42 @@
+"""Whether a seed decides a game: without that no result could be repeated and no run resumed."""
+
+from __future__ import annotations
+
+import numpy as np
+from pettingzoo import ParallelEnv
+
+from apil_core.errors import ConfigError
+from apil_core.game import Array
+from apil_core.pettingzoo_game.spaces import Seat
+
+STEPS = 10
+
+
+def check_repeatable(env: ParallelEnv, seats: tuple[Seat, Seat]) -> None:
+    """Play the same short game twice.
+
+    Raises:
+        ConfigError: the two differ.
+    """
+    first, second = (_played(env, seats) for _ in range(2))
+    same = len(first) == len(second)
+    if not same or not all(np.array_equal(a, b, equal_nan=True) for a, b in zip(first, second, strict=True)):
+        raise ConfigError("one seed gives different games: reset(seed=) must decide everything random in it")
+
+
+def _played(env: ParallelEnv, seats: tuple[Seat, Seat]) -> list[Array]:
+    """All observations and rewards of a game's first steps."""
+    rng = np.random.default_rng(0)
+    observations, _ = env.reset(seed=0)
+    trace = [seat.flat(observations[seat.agent]) for seat in seats]
+    for _ in range(STEPS):
+        actions = {}
+        for seat in seats:
+            given = rng.uniform(-seat.actions.bound, seat.actions.bound, (1, seat.actions.size))
+            actions[seat.agent] = seat.actions.single(seat.actions.native(given)[0])
+        observations, rewards, terminations, truncations, _ = env.step(actions)
+        trace += [seat.flat(observations[seat.agent]) for seat in seats if seat.agent in observations]
+        trace.append(np.array([rewards.get(seat.agent, 0.0) for seat in seats]))
+        if any(terminations.values()) or any(truncations.values()):
+            break
+    return trace

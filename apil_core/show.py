@@ -1,0 +1,225 @@
+"""Showing games between two policies: which ones, to whom, and what came of it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from apil_core.audience import Audience, Camera, FilmAudience, StripAudience, WindowAudience, WindowClosed
+from apil_core.caption import Cast, Score
+from apil_core.config import ActionMode
+from apil_core.errors import ApilError, ConfigError
+from apil_core.evaluation import PolicyId
+from apil_core.film import check_film
+from apil_core.pairing import Pairing
+from apil_core.spectacle import Moment, Outcome, PlayedGame, Spectacle
+from apil_core.strip import check_strip
+from apil_core.torch_threads import one_torch_thread
+
+TRIES = 100
+"""Games looked at for one that ends as wished, unless told otherwise."""
+
+FILM_SIZE, SNAPSHOT_SIZE = (960, 540), (480, 320)
+"""Pixels of a frame and of a snapshot, unless told otherwise."""
+
+
+@dataclass(frozen=True)
+class Programme:
+    """What is to be shown, and where.
+
+    Attributes:
+        seed: of everything random.
+        episodes: games to show; with ``until``: to try. ``None``: 1, or :data:`TRIES`.
+        until: show only the first game that ends like this for the adversary.
+        video: file to write, or ``None``.
+        snapshots: pictures of each game in the strip, or ``None``.
+        strip: file for the strip.
+        width, height: of a frame and of a snapshot, pixels.
+        speed: 1 is real time.
+        fps: what the video's frame rate should be near to.
+    """
+
+    seed: int = 0
+    episodes: int | None = None
+    until: Outcome | None = None
+    video: Path | None = None
+    snapshots: int | None = None
+    strip: Path = Path("snapshots.png")
+    width: int | None = None
+    height: int | None = None
+    speed: float = 1.0
+    fps: float = 30.0
+
+    def size(self, default: tuple[int, int]) -> tuple[int, int]:
+        """Width and height, with the default where nothing was said."""
+        return self.width or default[0], self.height or default[1]
+
+    def check(self) -> None:
+        """Whether all this can be done, as far as one can tell without playing.
+
+        Raises:
+            ApilError: it cannot.
+        """
+        if self.episodes is not None and self.episodes < 1:
+            raise ConfigError(f"--episodes must be at least 1, got {self.episodes}")
+        for name, value in (("--speed", self.speed), ("--fps", self.fps)):
+            if not 0 < value < float("inf"):
+                raise ConfigError(f"{name} must be positive, got {value}")
+        for name, pixels in (("--width", self.width), ("--height", self.height)):
+            if pixels is not None and pixels < 1:
+                raise ConfigError(f"{name} must be at least 1, got {pixels}")
+        if self.video is not None:
+            check_film(self.video, *self.size(FILM_SIZE))
+            _check_free(self.video)
+        if self.snapshots is not None:
+            check_strip(self.strip, self.snapshots)
+            _check_free(self.strip)
+
+
+class PlayResult(BaseModel):
+    """Who played, and how the games went. ``wins`` and the like are the adversary's."""
+
+    env: str
+    adversary: PolicyId
+    victim: PolicyId
+    adversary_side: str
+    victim_side: str
+    adversary_actions: ActionMode
+    victim_actions: ActionMode
+    seed: int
+    game_options: dict[str, Any]
+    wins: int
+    ties: int
+    losses: int
+    games: list[PlayedGame]
+    video: Path | None = None
+    snapshots: Path | None = None
+
+
+def show(
+    pairing: Pairing, programme: Programme, on_game: Callable[[PlayedGame], None] | None = None
+) -> PlayResult:
+    """Play and show what the programme asks for.
+
+    Args:
+        pairing: made with ``num_envs=1``.
+        programme: checked by the caller.
+        on_game: told of every game that was shown.
+
+    Raises:
+        ApilError: nothing can be drawn here, or no game ended as wished.
+    """
+    cast = _cast(pairing, programme)
+    spectacle = Spectacle(pairing, programme.seed)
+    pairing.game.seed(0)
+    pairing.game.reset()  # so that there is something to try the cameras on
+    games: list[PlayedGame] = []
+    with one_torch_thread(), pairing.attribution():
+        audiences = _audiences(pairing, programme, cast)
+        try:
+            for number in _numbers(spectacle, programme):
+                games.append(_show_game(spectacle, number, audiences, cast))
+                if on_game is not None:
+                    on_game(games[-1])
+            for audience in audiences:
+                audience.finish()
+        except BaseException as reason:
+            for audience in audiences:
+                audience.abandon()
+            if not isinstance(reason, WindowClosed):
+                raise
+    return _result(pairing, programme, cast.score, games)
+
+
+def _show_game(spectacle: Spectacle, number: int, audiences: list[Audience], cast: Cast) -> PlayedGame:
+    ahead = spectacle.play(number) if any(audience.knows_ahead for audience in audiences) else None
+    for audience in audiences:
+        audience.begin(ahead)
+
+    def watch(moment: Moment) -> None:
+        if moment.ended is not None:
+            cast.score.add(moment.ended.outcome)
+        for audience in audiences:
+            audience.see(moment)
+
+    played = spectacle.play(number, watch)
+    if ahead not in (None, played):
+        raise ApilError(
+            "the same game went another way when played again: a policy or a hook draws from "
+            "something else than the generator it is given"
+        )
+    return played
+
+
+def _numbers(spectacle: Spectacle, programme: Programme) -> list[int]:
+    if programme.until is None:
+        return list(range(1, (programme.episodes or 1) + 1))
+    tries = programme.episodes or TRIES
+    found = spectacle.find(programme.until, tries)
+    if found is None:
+        raise ApilError(
+            f"none of {tries} games was a {programme.until} of the adversary; try --episodes or --seed"
+        )
+    return [found.number]
+
+
+def _cast(pairing: Pairing, programme: Programme) -> Cast:
+    sides = pairing.game.layout.sides
+    victim = f"{sides[1 - pairing.side].name}, {pairing.victim.info.name}"
+    adversary = f"{sides[pairing.side].name}, {pairing.adversary.info.name}"
+    games = 1 if programme.until else programme.episodes or 1
+    return Cast(victim, adversary, games, Score())
+
+
+def _audiences(pairing: Pairing, programme: Programme, cast: Cast) -> list[Audience]:
+    game, side = pairing.game, pairing.side
+    audiences: list[Audience] = []
+    if programme.snapshots is not None:
+        camera = Camera(game, side, *programme.size(SNAPSHOT_SIZE))
+        audiences.append(StripAudience(programme.strip, camera, cast, programme.snapshots))
+    if programme.video is not None:
+        size = programme.size(FILM_SIZE)
+        camera, pace = Camera(game, side, *size), {"speed": programme.speed, "fps": programme.fps}
+        audiences.append(FilmAudience(programme.video, camera, size, cast, game.seconds_per_step, **pace))
+    if not audiences:
+        try:
+            audiences.append(WindowAudience(game, side, cast, programme.speed))
+        except ApilError as error:
+            raise ApilError(f"{error}; use --video FILE.mp4 or --snapshots N") from error
+    return audiences
+
+
+def _result(pairing: Pairing, programme: Programme, score: Score, games: list[PlayedGame]) -> PlayResult:
+    sides, modes = pairing.game.layout.sides, pairing.config.evaluation
+    adversary, victim = pairing.adversary.info, pairing.victim.info
+    return PlayResult(
+        env=pairing.config.env,
+        adversary=PolicyId(name=adversary.name, sha256=adversary.sha256),
+        victim=PolicyId(name=victim.name, sha256=victim.sha256),
+        adversary_side=sides[pairing.side].name,
+        victim_side=sides[1 - pairing.side].name,
+        adversary_actions=modes.adversary_actions,
+        victim_actions=modes.victim_actions,
+        seed=programme.seed,
+        game_options=pairing.config.game,
+        wins=score.win,
+        ties=score.tie,
+        losses=score.loss,
+        games=games,
+        video=programme.video,
+        snapshots=programme.strip if programme.snapshots is not None else None,
+    )
+
+
+def _check_free(path: Path) -> None:
+    if path.exists():
+        raise ConfigError(f"{path} exists already; nothing is overwritten")
+    if not path.parent.is_dir():
+        raise ConfigError(f"{path}: there is no directory {path.parent}")
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise ConfigError(f"{path}: {path.parent} cannot be written to")

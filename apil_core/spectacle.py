@@ -1,0 +1,114 @@
+"""Single games to be watched: each is a function of the seed and its number, so it can be played again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import torch
+from pydantic import BaseModel
+
+from apil_core.adversary import AdversaryPolicy
+from apil_core.game import GameStep
+from apil_core.pairing import Pairing
+from apil_core.seeds import stream_seed
+
+Outcome = Literal["win", "tie", "loss"]
+"""From the adversary's side, as in every score."""
+
+
+class PlayedGame(BaseModel):
+    """How a game went. Returns are sums of sparse and dense rewards."""
+
+    number: int
+    outcome: Outcome
+    cause: str
+    steps: int
+    seconds: float
+    adversary_return: float
+    victim_return: float
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A game at one step.
+
+    Attributes:
+        number: of the game, from 1.
+        step: control steps played; 0 before the first.
+        seconds: of simulated time.
+        ended: how the game went, if this is its last moment.
+    """
+
+    number: int
+    step: int
+    seconds: float
+    ended: PlayedGame | None = None
+
+
+class Spectacle:
+    """Plays single games of a pairing (of one game at a time) for whoever watches.
+
+    Args:
+        pairing: made with ``num_envs=1``.
+        seed: of everything random.
+    """
+
+    def __init__(self, pairing: Pairing, seed: int):
+        self.pairing = pairing
+        self.seed = seed
+
+    @torch.inference_mode()
+    def play(self, number: int, watch: Callable[[Moment], None] | None = None) -> PlayedGame:
+        """Play game ``number`` of this seed, with or without spectators the same.
+
+        Args:
+            number: from 1.
+            watch: called with every moment, from the start to the end.
+        """
+        game, watch = self.pairing.game, watch or (lambda moment: None)
+        seed = stream_seed(self.seed, f"game {number}")
+        game.seed(seed)
+        game.reset()
+        players = self.pairing.players(seed)
+        self._rewind(seed)
+        returns, first = np.zeros(2), np.ones(1, bool)
+        watch(Moment(number, 0, 0.0))
+        while True:
+            step = game.step(players.act(game, first))
+            first = np.zeros(1, bool)
+            returns += step.sparse[:, 0] + step.dense[:, 0]
+            steps = int(step.lengths[0])
+            ended = self._ended(number, step, returns) if step.done[0] else None
+            watch(Moment(number, steps, steps * game.seconds_per_step, ended))
+            if ended is not None:
+                return ended
+
+    def find(self, outcome: Outcome, games: int) -> PlayedGame | None:
+        """The first of so many games that ends like that."""
+        played = (self.play(number) for number in range(1, games + 1))
+        return next((game for game in played if game.outcome == outcome), None)
+
+    def _rewind(self, seed: int) -> None:
+        """Let stochastic hooks draw the same again."""
+        for policy in (self.pairing.adversary, self.pairing.victim):
+            if isinstance(policy, AdversaryPolicy):
+                policy.context.generator.manual_seed(
+                    stream_seed(seed, f"hooks of side {policy.context.side}")
+                )
+
+    def _ended(self, number: int, step: GameStep, returns: np.ndarray) -> PlayedGame:
+        side, winner = self.pairing.side, int(step.winner[0])
+        outcomes: dict[int, Outcome] = {side: "win", 1 - side: "loss"}
+        steps = int(step.lengths[0])
+        return PlayedGame(
+            number=number,
+            outcome=outcomes.get(winner, "tie"),
+            cause=self.pairing.game.layout.causes[int(step.cause[0])],
+            steps=steps,
+            seconds=steps * self.pairing.game.seconds_per_step,
+            adversary_return=float(returns[side]),
+            victim_return=float(returns[1 - side]),
+        )

@@ -1,0 +1,78 @@
+"""Which OpenGL MuJoCo draws with on this machine: a screen's (GLFW), or without one EGL or OSMesa."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import os
+import subprocess
+import sys
+from typing import Any
+
+from apil_core import ApilError
+
+BACKENDS = {"glfw": "a screen", "egl": "EGL", "osmesa": "OSMesa"}
+"""What can be asked for with ``MUJOCO_GL`` on Linux, and what it draws through."""
+
+_ADVICE = "install one: `apt-get install libegl1` or `apt-get install libosmesa6`"
+_TRIAL = """
+import mujoco
+model = mujoco.MjModel.from_xml_string("<mujoco/>")
+data = mujoco.MjData(model)
+renderer = mujoco.Renderer(model, 8, 8)
+renderer.update_scene(data)
+renderer.render()
+renderer.close()
+"""
+_PATIENCE = 60.0  # seconds; a trial takes about one
+
+
+def has_screen() -> bool:
+    """Whether there is a screen to open windows on, as far as the environment tells."""
+    return sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+
+
+def wanted() -> tuple[str, ...]:
+    """Backends to try, in order: the user's ``MUJOCO_GL`` alone, or whatever may work here."""
+    asked = os.environ.get("MUJOCO_GL", "").lower().strip()
+    if asked in BACKENDS:
+        return (asked,)
+    return ("glfw", "egl", "osmesa") if has_screen() else ("egl", "osmesa")
+
+
+def prepare() -> None:
+    """Make :class:`mujoco.Renderer` use a backend that works here; called before the first renderer.
+
+    Raises:
+        ApilError: none works; says what was tried and what to install.
+    """
+    if sys.platform != "linux":
+        return  # MuJoCo's own choice needs nothing that is not there
+    backend = _first_working(wanted())
+    # MuJoCo binds the backend when it is first imported, long before anybody wants a picture
+    holder: Any = importlib.import_module("mujoco.rendering.classic.gl_context")
+    holder.GLContext = importlib.import_module(f"mujoco.{backend}").GLContext
+
+
+@functools.cache
+def _first_working(backends: tuple[str, ...]) -> str:
+    for backend in backends:
+        if works(backend):
+            return backend
+    tried = ", ".join(BACKENDS[backend] for backend in backends)
+    only = f" (MUJOCO_GL={backends[0]})" if len(backends) == 1 else ""
+    raise ApilError(f"cannot draw: no OpenGL here, tried {tried}{only}; {_ADVICE}")
+
+
+def works(backend: str) -> bool:
+    """Try to draw something with that backend, in a process of its own.
+
+    The libraries of two backends in one process disturb each other, and a broken driver may end it.
+    """
+    environment = {**os.environ, "MUJOCO_GL": backend}
+    command = [sys.executable, "-c", _TRIAL]
+    try:
+        done = subprocess.run(command, env=environment, capture_output=True, timeout=_PATIENCE, check=False)
+    except subprocess.TimeoutExpired:
+        return False
+    return done.returncode == 0
