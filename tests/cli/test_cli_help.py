@@ -34,6 +34,8 @@ print([name for name in ("torch", "mujoco", "statsmodels", "tensordict") if name
         ["--version"],
         ["run", "--help"],
         ["eval", "--help"],
+        ["fidelity", "--help"],
+        ["play", "--help"],
         ["config", "diff", "paper", "apil-code"],
         ["config", "show", "--method", "e_apil", "--env", "coin", "--plugin", str(COIN)],
         ["config", "schema"],
@@ -61,7 +63,19 @@ def test_help_answers_within_half_a_second() -> None:
 
 def test_help_lists_every_verb(apil: Apil) -> None:
     text = apil("--help").out
-    for verb in ("run", "resume", "eval", "runs", "config", "victims", "methods", "games", "plugins"):
+    for verb in (
+        "run",
+        "resume",
+        "eval",
+        "play",
+        "fidelity",
+        "runs",
+        "config",
+        "victims",
+        "methods",
+        "games",
+        "plugins",
+    ):
         assert f"│ {verb} " in text
 
 
@@ -73,7 +87,9 @@ def test_run_help_shows_every_flag_with_the_codes_defaults(apil: Apil) -> None:
         assert f"[default: {RunConfig.model_fields[name].default}]" in text
 
 
-@pytest.mark.parametrize("verb", ["resume", "eval", "runs", "runs compare", "victims import", "config diff"])
+@pytest.mark.parametrize(
+    "verb", ["resume", "eval", "play", "fidelity", "runs", "runs compare", "victims import", "config diff"]
+)
 def test_every_verb_has_help(apil: Apil, verb: str) -> None:
     done = apil(*verb.split(), "--help")
     assert done.code == 0

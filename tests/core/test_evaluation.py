@@ -8,7 +8,7 @@ import torch
 
 from apil_core import ApilError, Decision, GameStep, evaluate, make_game, run
 from apil_core.evaluation import wilson
-from apil_core.play import Seat, play
+from apil_core.play import Players, Seat, play
 from core.small_runs import small_config
 
 
@@ -112,8 +112,8 @@ class Still:
 @pytest.mark.parametrize(("slots", "episodes"), [(7, 40), (16, 16), (3, 100), (50, 20)])
 def test_short_games_are_not_over_represented(slots, episodes):
     seat = Seat(Still(), False, torch.Generator())
-    game = Scheduled(slots)
-    tally = play(game, (seat, seat), episodes, adversary_side=1, device=torch.device("cpu"))
+    players = Players((seat, seat), adversary_side=1, device=torch.device("cpu"))
+    tally = play(Scheduled(slots), players, episodes)
     assert len(tally.winners) == episodes
     assert tally.winners.count(1) == episodes // 2
     assert sorted(set(tally.lengths)) == [2, 30]

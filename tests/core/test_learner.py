@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import copy
+from pathlib import Path
 
 import pytest
 import torch
+from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
 
 from apil_core.build import build
+from apil_core.game_env import AttackEnv
 from apil_core.learner import Actor, Learner
 from apil_core.registry import default_plugins
+from core.every_game import GAME_NAMES
 from core.small_runs import small_config
 
 
@@ -104,15 +108,11 @@ def test_state_round_trip():
     assert other.critics.keys() == {"victim"}
 
 
-@pytest.mark.parametrize("method", ["adrl", "e_apil"])
-def test_rsl_rls_own_runner_plays_our_env(tmp_path, method):
-    from rsl_rl.runners import OnPolicyRunner
-
-    attack = build(small_config(method), default_plugins())
-    groups = list(attack.builder.sizes)
+def rsl_rls_runner(env: AttackEnv, groups: list[str], steps: int, log_dir: Path) -> OnPolicyRunner:
+    """rsl_rl's own trainer with a small network, as anyone would set it up."""
     model = {"class_name": "rsl_rl.models:MLPModel", "hidden_dims": [16], "activation": "tanh"}
     config = {
-        "num_steps_per_env": 8,
+        "num_steps_per_env": steps,
         "save_interval": 100,
         "logger": "tensorboard",
         "obs_groups": {"actor": groups, "critic": groups},
@@ -123,7 +123,31 @@ def test_rsl_rls_own_runner_plays_our_env(tmp_path, method):
         "critic": dict(model),
         "algorithm": {"class_name": "rsl_rl.algorithms:PPO", "schedule": "fixed"},
     }
-    runner = OnPolicyRunner(attack.env, config, log_dir=str(tmp_path), device="cpu")
+    return OnPolicyRunner(env, config, log_dir=str(log_dir), device="cpu")
+
+
+@pytest.mark.parametrize("method", ["adrl", "e_apil"])
+def test_rsl_rls_own_runner_plays_our_env(tmp_path, method):
+    attack = build(small_config(method), default_plugins())
+    runner = rsl_rls_runner(attack.env, list(attack.builder.sizes), 8, tmp_path)
     runner.learn(3)
     assert attack.env.steps == 3 * 8 * 32
     assert attack.env.get_observations().batch_size == (32,)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("game", GAME_NAMES)
+def test_rsl_rls_own_runner_plays_every_game(tmp_path, game, side):
+    """From both seats, with games that end and restart in between."""
+    config = small_config("adrl", env=game, victim="random", victim_side=1 - side, num_envs=4)
+    config = config.model_copy(update={"game": {"max_steps": 10}})
+    attack = build(config, default_plugins())
+    runner = rsl_rls_runner(attack.env, list(attack.builder.sizes), 8, tmp_path)
+    runner.learn(3)
+    assert attack.env.steps == 3 * 8 * 4
+    seat = attack.game.layout.sides[side]
+    sizes = {name: tuple(part.shape) for name, part in attack.env.get_observations().items()}
+    assert (4, seat.observation_size) in sizes.values()
+    assert attack.env.num_actions == seat.action_size
+    assert (attack.env.episode_length_buf <= 10).all()
+    assert all(torch.isfinite(p).all() for p in runner.alg.actor.parameters())

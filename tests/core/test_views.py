@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -20,13 +21,9 @@ from apil_core import (
     PolicyInfo,
     View,
 )
-from apil_envs.kick_and_defend import KickAndDefend, KickAndDefendOptions
 from apil_envs.scripted import ToyEvader
 from apil_envs.toy import ToyPursuit
-
-
-def short_kick_and_defend() -> Game:
-    return KickAndDefend(num_envs=1, options=KickAndDefendOptions(max_steps=25))
+from core.every_game import GAME_NAMES, short_game
 
 
 def toy() -> Game:
@@ -45,7 +42,7 @@ class Noise(Policy):
         return Decision(torch.randn((len(view.own), self.info.action_size), generator=generator))
 
 
-GAMES = pytest.mark.parametrize("make", [toy, short_kick_and_defend])
+GAMES = pytest.mark.parametrize("make", [partial(short_game, name) for name in GAME_NAMES], ids=GAME_NAMES)
 
 
 @GAMES
@@ -61,12 +58,13 @@ def test_parallel_seed(make: Callable[[], Game]) -> None:
 
 
 @GAMES
-def test_gymnasium_checker(make: Callable[[], Game]) -> None:
+@pytest.mark.parametrize("side", [0, 1])
+def test_gymnasium_checker(make: Callable[[], Game], side: int) -> None:
     game = make()
-    victim = game.layout.sides[0]
+    other = game.layout.sides[1 - side]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # it warns of infinite bounds, which are meant
-        check_env(OpponentInsideEnv(game, Noise(victim.observation_size, victim.action_size)))
+        check_env(OpponentInsideEnv(game, Noise(other.observation_size, other.action_size), side=side))
 
 
 def test_one_seed_one_game() -> None:

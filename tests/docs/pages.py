@@ -41,7 +41,9 @@ class Block:
 
 def pages() -> list[Path]:
     """Every Markdown file that is ours."""
-    places = (ROOT.glob("*.md"), (ROOT / "docs").rglob("*.md"), (ROOT / "plugins").glob("*/*.md"))
+    folders = ("plugins", "examples")
+    below = (page for folder in folders for page in (ROOT / folder).glob("*/*.md"))
+    places = (ROOT.glob("*.md"), (ROOT / "docs").rglob("*.md"), below)
     return sorted(page for place in places for page in place)
 
 

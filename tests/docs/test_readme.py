@@ -141,13 +141,35 @@ def test_every_command_exists_and_has_the_flags_shown(apil: Apil, page: Path) ->
 
 def test_the_readme_names_every_verb(apil: Apil) -> None:
     named = {words[0] for words in commands(README)}
-    for verb in ("run", "resume", "eval", "runs", "config", "victims", "methods", "games", "plugins"):
+    for verb in (
+        "run",
+        "resume",
+        "eval",
+        "play",
+        "fidelity",
+        "runs",
+        "config",
+        "victims",
+        "methods",
+        "games",
+        "plugins",
+    ):
         assert verb in named
 
 
 @pytest.mark.parametrize("page", pages(), ids=name_of)
 def test_flags_named_alone_belong_to_some_verb(apil: Apil, page: Path) -> None:
-    verbs = ("run", "resume", "eval", "config schema", "config show", "victims list", "victims download")
+    verbs = (
+        "run",
+        "resume",
+        "eval",
+        "play",
+        "fidelity",
+        "config schema",
+        "config show",
+        "victims list",
+        "victims download",
+    )
     text = apil("--help").out + "".join(apil(*verb.split(), "--help").out for verb in verbs)
     for span in spans(page):
         if span.startswith("--"):

@@ -5,23 +5,20 @@ from __future__ import annotations
 import copy
 import json
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
+from core.every_game import GAME_NAMES, short_game
 
 from apil_core import NO_WINNER, ApilError, Game, GameStep
-from apil_envs.kick_and_defend import KickAndDefend, KickAndDefendOptions
-from apil_envs.toy import ToyPursuit
+from apil_envs.game_base import MujocoGame
 
 GAMES = 6
 
 
-def kick_and_defend(num_envs: int, threads: int = 1) -> Game:
-    """Short games, so that some end and restart within the tests."""
-    return KickAndDefend(num_envs, threads, KickAndDefendOptions(max_steps=20))
-
-
-MAKERS = pytest.mark.parametrize("make", [kick_and_defend, ToyPursuit])
+MAKERS = pytest.mark.parametrize("make", [partial(short_game, name) for name in GAME_NAMES], ids=GAME_NAMES)
+MUJOCO_GAMES = [name for name in GAME_NAMES if isinstance(short_game(name), MujocoGame)]
 
 
 class Play:
@@ -155,6 +152,14 @@ def test_inactive_games_stand_still(make: Callable[..., Game]) -> None:
 
 
 @MAKERS
+def test_nobody_need_play_in_the_first_step(make: Callable[..., Game]) -> None:
+    game = started(make(GAMES))
+    step = game.step(Play(game, 0).actions(), np.zeros(GAMES, bool))
+    assert not step.done.any()
+    assert not step.lengths.any()
+
+
+@MAKERS
 def test_ended_games_stay_ended_until_reset(make: Callable[..., Game]) -> None:
     game = started(make(GAMES))
     play = Play(game, 0)
@@ -195,8 +200,10 @@ def test_one_game_alone(make: Callable[..., Game]) -> None:
 
 
 @pytest.mark.parametrize("poison", [np.nan, np.inf, 1e30, -2e10])
-def test_divergence_ends_that_game_alone(poison: float) -> None:
-    broken, sane = started(kick_and_defend(GAMES), 1), started(kick_and_defend(GAMES), 1)
+@pytest.mark.parametrize("name", MUJOCO_GAMES)
+def test_divergence_ends_that_game_alone(name: str, poison: float) -> None:
+    broken, sane = started(short_game(name, GAMES), 1), started(short_game(name, GAMES), 1)
+    assert isinstance(broken, MujocoGame)
     play = Play(sane, 3)
     broken.physics.qvel[2, 7] = poison
     actions = play.actions()

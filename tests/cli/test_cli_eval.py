@@ -1,0 +1,85 @@
+"""`apil eval`: options of the game, and blinding."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from cli.cli_helpers import COIN, Apil
+
+RANDOM = ("baseline:random/7x2", "--env", "toy-pursuit", "--episodes", "20", "--threads", "1", "--quiet")
+
+
+def test_an_option_of_the_game_is_used_and_recorded(apil: Apil) -> None:
+    done = apil("eval", *RANDOM, "--set", "game.max_steps=4", "--json")
+    assert done.code == 0, done.err
+    result = json.loads(done.out)
+    assert result["game_options"] == {"max_steps": 4}
+    assert result["causes"] == {"time-up": 20}
+    assert result["mean_length"] == 4
+    assert "game       max_steps 4" in apil("eval", *RANDOM, "--set", "game.max_steps=4").out
+
+
+def test_an_option_of_a_runs_game_too_and_the_others_stay(apil: Apil, trained: Path) -> None:
+    own = json.loads(apil("eval", trained, "--episodes", "20", "--quiet", "--json").out)
+    assert own["game_options"] == {"margin": 0.5}
+    done = apil("eval", trained, "--episodes", "20", "--quiet", "--json", "--set", "game.margin=1000")
+    other = json.loads(done.out)
+    assert (other["game_options"], other["causes"]) == ({"margin": 1000.0}, {"even": 20})
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("game.max_step=3", "--set game.max_step=3: unknown key (did you mean 'max_steps'?)"),
+        ("game.max_steps=0", "--set game.max_steps=0: should be greater than 0, got 0"),
+        ("max_steps=3", "--set max_steps=3: unknown key (did you mean 'game.max_steps'?)"),
+        ("steps=3", "--set steps=3: unknown key (known: game)"),
+        ("game.max_steps", "--set game.max_steps: expected key=value, e.g. ppo.epochs=8"),
+    ],
+)
+def test_a_wrong_option_is_one_line(apil: Apil, text: str, message: str) -> None:
+    done = apil("eval", *RANDOM, "--set", text)
+    assert (done.code, done.out, done.err) == (2, "", f"apil: {message}\n")
+
+
+@pytest.mark.parametrize("mode", ["zeros", "initial"])
+def test_blinding_is_shown_and_recorded(apil: Apil, mode: str) -> None:
+    plain = json.loads(apil("eval", *RANDOM, "--json").out)
+    assert (plain["blind"], plain["blind_imitator"]) == (None, False)
+    result = json.loads(apil("eval", *RANDOM, "--blind", mode, "--json").out)
+    assert (result["blind"], result["blind_imitator"]) == (mode, False)
+    shown = apil("eval", *RANDOM, "--blind", mode, "--blind-imitator").out
+    assert f"blinded    the adversary does not see its opponent ({mode}), its methods too" in shown
+    assert "blinded" not in apil("eval", *RANDOM).out
+
+
+def test_a_run_can_be_blinded(apil: Apil, trained: Path) -> None:
+    done = apil("eval", trained, "--episodes", "20", "--quiet", "--json", "--blind", "zeros")
+    assert (done.code, json.loads(done.out)["blind"]) == (0, "zeros")
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--blind-imitator"], "--blind-imitator needs --blind zeros or --blind initial"),
+        (["--blind", "zero"], 'Invalid value "zero" for --blind. Choose from: "zeros", "initial".'),
+    ],
+)
+def test_wrong_blinding_is_one_line(apil: Apil, flags: list[str], message: str) -> None:
+    done = apil("eval", *RANDOM, *flags)
+    assert done.code == 2
+    assert message in done.err
+    assert len(done.err.splitlines()) == 1
+
+
+def test_a_game_that_names_no_channels_cannot_be_blinded(apil: Apil, tmp_path: Path) -> None:
+    mute = tmp_path / "mute_coin.py"
+    text = COIN.read_text().replace("(1,)) for name", "()) for name").replace("coin_game:", "mute_coin:")
+    mute.write_text(text)
+    flags = ("--env", "coin", "--plugin", mute, "--episodes", "4", "--quiet", "--blind", "zeros")
+    done = apil("eval", "baseline:random/2x1", *flags)
+    assert (done.code, len(done.err.splitlines())) == (2, 1)
+    assert "cannot blind the right: game 'coin' does not say which of its observation's channels" in done.err

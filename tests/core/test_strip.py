@@ -1,0 +1,102 @@
+"""Strips of snapshots and what is written into pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from apil_core import ApilError, caption, colours
+from apil_core.caption import Cast, Score
+from apil_core.spectacle import Moment, Outcome, PlayedGame
+from apil_core.strip import Strip, check_strip, chosen_steps
+
+
+def ended(outcome: Outcome) -> PlayedGame:
+    return PlayedGame(
+        number=1, outcome=outcome, cause="time-up", steps=9, seconds=0.45, adversary_return=1, victim_return=2
+    )
+
+
+def cast(score: Score, name: str = "evader, zoo:x") -> Cast:
+    return Cast(name, "pursuer, run:y", 2, score)
+
+
+@pytest.mark.parametrize(
+    ("steps", "snapshots", "chosen"),
+    [(100, 5, [0, 25, 50, 75, 100]), (7, 3, [0, 4, 7]), (2, 5, [0, 1, 2]), (40, 1, [40])],
+)
+def test_snapshots_are_spread_evenly_and_end_at_the_end(
+    steps: int, snapshots: int, chosen: list[int]
+) -> None:
+    assert chosen_steps(steps, snapshots) == chosen
+
+
+def test_a_strip_has_a_row_for_every_game(tmp_path: Path) -> None:
+    strip = Strip(3)
+    for shades in ((10, 20, 30), (40, 50)):  # a short game has fewer steps than snapshots
+        strip.begin()
+        for shade in shades:
+            strip.add(Image.new("RGB", (80, 60), (shade, shade, shade)))
+    strip.save(tmp_path / "strip.png", cast(Score(win=1, loss=1)))
+    picture = np.asarray(Image.open(tmp_path / "strip.png"))
+    board = picture.shape[0] - (2 * 60 + 4)
+    assert picture.shape[1] == 3 * 80 + 2 * 4
+    assert 8 < board < 40
+    shown = [
+        [int(picture[board + 30 + 64 * row, 40 + 84 * column, 0]) for column in range(3)] for row in (0, 1)
+    ]
+    assert shown == [[10, 20, 30], [40, 50, 255]]
+    assert tuple(picture[2, 0]) == colours.VICTIM
+    assert tuple(picture[2, -1]) == colours.ADVERSARY
+
+
+@pytest.mark.parametrize(
+    ("name", "snapshots", "message"),
+    [("strip.gif", 3, r"\.png"), ("strip.png", 0, "1 to 50, got 0"), ("strip.png", 51, "got 51")],
+)
+def test_what_cannot_be_written_is_said_before(name: str, snapshots: int, message: str) -> None:
+    with pytest.raises(ApilError, match=message):
+        check_strip(Path(name), snapshots)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "colour"), [("win", colours.ADVERSARY), ("loss", colours.VICTIM), ("tie", colours.NEUTRAL)]
+)
+def test_the_banner_has_the_winners_colour(outcome: Outcome, colour: tuple[int, int, int]) -> None:
+    picture = Image.new("RGB", (320, 180), colour)
+    caption.banner(picture, ended(outcome))
+    pixels = np.asarray(picture).reshape(-1, 3)
+    white = (pixels.min(1) > 230).sum()
+    assert white > 20, "the text"
+    others = np.abs(pixels.astype(int) - colour).max(1) > 2
+    assert others.sum() < 12 * white, "its ground cannot be told from the winner's colour"
+
+
+def test_colours_go_by_role() -> None:
+    assert colours.by_side(1) == (colours.VICTIM, colours.ADVERSARY)
+    assert colours.by_side(0) == (colours.ADVERSARY, colours.VICTIM)
+
+
+@pytest.mark.parametrize("width", [40, 200, 960])
+def test_long_names_stay_on_their_half_of_the_board(width: int) -> None:
+    line = caption.board(width, 16, cast(Score(), "a name far too long to fit " * 9)).convert("RGB")
+    assert line.width == width
+    middle = np.asarray(line)[:, width // 2 + 20 :]
+    assert width < 200 or middle.max() > 100, "the adversary's name"
+
+
+def test_a_window_says_all_in_words() -> None:
+    score = Score()
+    for outcome in ("win", "tie", "win", "loss"):
+        score.add(outcome)  # type: ignore[arg-type]
+    text = cast(score).text(Moment(2, 10, 0.5))
+    assert text.splitlines() == [
+        "victim (blue): evader, zoo:x",
+        "adversary (red): pursuer, run:y",
+        "victim 1 : 2 adversary, ties 1",
+        "game 2, 0.50 s, step 10",
+    ]
+    assert cast(score).text(Moment(2, 9, 0.45, ended("loss"))).endswith("victim wins: time-up")
