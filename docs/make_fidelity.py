@@ -1,0 +1,96 @@
+"""Writes the tables of ``docs/fidelity.md`` from the rows that ``apil fidelity --out`` kept.
+
+    python docs/make_fidelity.py [ROWS.jsonl]
+
+The default is ``docs/results/fidelity.jsonl``. What stands between the two marker comments is replaced.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from apil_core.evaluation import Rate
+from apil_core.fidelity import Figure, FidelityRow, read_rows
+
+HERE = Path(__file__).parent
+PAGE = HERE / "fidelity.md"
+BEGIN, END = "<!-- made by make_fidelity.py -->", "<!-- end of what make_fidelity.py made -->"
+
+
+def percent(rate: Rate) -> str:
+    return f"{100 * rate.value:.1f} [{100 * rate.low:.1f}, {100 * rate.high:.1f}]"
+
+
+def cells(figure: Figure) -> list[str]:
+    published = "–" if figure.published is None else f"{figure.published:g}"
+    return [percent(figure.measured), published, figure.verdict or "–"]
+
+
+def main_table(rows: list[FidelityRow]) -> list[str]:
+    lines = [
+        "| pairing | actions | games | win % | published | difference | win+tie % | published | difference |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        plan = row.plan
+        who = f"{plan.env}{'*' if plan.stands_in_for else ''}"
+        facts = [who, plan.setting, str(row.result.episodes), *cells(row.win), *cells(row.win_or_tie)]
+        lines.append(f"| {' | '.join(facts)} |")
+    return lines
+
+
+def switch_table(rows: list[FidelityRow], defaults: dict[str, FidelityRow]) -> list[str]:
+    """Switches of one game beside its default row: what a switch does matters more than the verdict."""
+    lines = ["| setting | games | win % | win+tie % | win, difference to published | mean length |"]
+    lines.append("|---|---|---|---|---|---|")
+    for row in [defaults[rows[0].plan.env], *rows]:
+        result = row.result
+        lines.append(
+            f"| {row.plan.setting} | {result.episodes} | {percent(row.win.measured)} "
+            f"| {percent(row.win_or_tie.measured)} | {row.win.verdict or '–'} | {result.mean_length:.0f} |"
+        )
+    return lines
+
+
+def endings_table(rows: list[FidelityRow]) -> list[str]:
+    lines = ["| pairing | actions | how the games ended | mean length |", "|---|---|---|---|"]
+    for row in rows:
+        causes = sorted(row.result.causes.items(), key=lambda item: -item[1])
+        endings = ", ".join(f"{name} {count}" for name, count in causes)
+        lines.append(f"| {row.plan.env} | {row.plan.setting} | {endings} | {row.result.mean_length:.0f} |")
+    return lines
+
+
+def tables(rows: list[FidelityRow]) -> str:
+    main = [row for row in rows if row.plan.kind in ("default", "as-published")]
+    defaults = {row.plan.env: row for row in main if row.plan.kind == "default"}
+    parts = ["### Default and as published", "", *main_table(main)]
+    for row in {row.plan.env: row for row in main if row.plan.stands_in_for}.values():
+        parts += ["", f"\\* `{row.plan.adversary}` stands in for `{row.plan.stands_in_for}`."]
+    parts += ["", "### How the games ended", "", *endings_table(main)]
+    for env in defaults:
+        switched = [row for row in rows if row.plan.env == env and row not in main]
+        if switched:
+            parts += ["", f"### Switches of {env}", "", *switch_table(switched, defaults)]
+    versions = rows[0].result.versions
+    seconds = sum(row.result.wall_seconds for row in rows)
+    parts += [
+        "",
+        f"{sum(row.result.episodes for row in rows):,} games, seed {rows[0].plan.seed}, "
+        f"{rows[0].plan.num_envs} in parallel, MuJoCo {versions['mujoco']}, torch {versions['torch']}; "
+        f"{seconds / 60:.0f} minutes on 2 shared cores.",
+    ]
+    return "\n".join(parts)
+
+
+def main() -> None:
+    path = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "results" / "fidelity.jsonl"
+    text = PAGE.read_text("utf-8")
+    before, rest = text.split(BEGIN)
+    _, after = rest.split(END)
+    PAGE.write_text(f"{before}{BEGIN}\n\n{tables(read_rows(path))}\n\n{END}{after}", "utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+"""Makes the strips of snapshots in ``docs/images/``: one game between pretrained agents each.
+
+    python docs/make_strips.py [GAME ...]
+
+Needs the zoo's weights (docs/victims.md) and OpenGL (docs/watching.md).
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+from apil_core.pairing import load_pairing
+from apil_core.show import Programme, show
+from apil_core.spectacle import Outcome
+
+HERE = Path(__file__).parent
+WIDTH, PANEL = 1600, (480, 320)
+
+GAMES: dict[str, tuple[str, Outcome, int]] = {
+    "kick-and-defend": ("zoo:kick-and-defend/defender/v1", "win", 0),
+    "you-shall-not-pass": ("zoo:you-shall-not-pass/blocker/v1", "win", 0),
+    "sumo-humans": ("zoo:sumo-humans/fighter/v1", "loss", 0),
+    "sumo-ants": ("zoo:sumo-ants/fighter/v1", "win", 0),
+    "run-to-goal-humans": ("zoo:run-to-goal-humans/runner_1/v1", "win", 0),
+    "run-to-goal-ants": ("zoo:run-to-goal-ants/runner_1/v1", "win", 0),
+    "toy-pursuit": ("zero", "loss", 0),
+}
+"""Adversary, the outcome to show, and the seed."""
+
+
+def make(game: str) -> None:
+    adversary, outcome, seed = GAMES[game]
+    with tempfile.TemporaryDirectory() as folder:
+        strip = Path(folder) / "strip.png"
+        width, height = PANEL
+        programme = Programme(seed, until=outcome, snapshots=5, strip=strip, width=width, height=height)
+        with load_pairing(adversary, num_envs=1, env=game) as pairing:
+            (played,) = show(pairing, programme).games
+        picture = Image.open(strip).convert("RGB")
+    picture = picture.resize((WIDTH, round(picture.height * WIDTH / picture.width)), Image.Resampling.LANCZOS)
+    path = HERE / "images" / f"strip-{game}.png"
+    picture.quantize(256, dither=Image.Dither.FLOYDSTEINBERG).save(path, optimize=True)
+    size = path.stat().st_size // 1000
+    print(f"{path.name}: game {played.number}, {played.outcome}, {played.cause}, {size} kB", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("games", nargs="*", metavar="GAME", help=", ".join(GAMES))
+    for game in parser.parse_args().games or GAMES:
+        make(game)
+
+
+if __name__ == "__main__":
+    main()
