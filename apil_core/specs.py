@@ -7,6 +7,8 @@ Factories are named as lazy ``"module:attribute"`` strings, so that ``apil --hel
 from __future__ import annotations
 
 import importlib
+import os
+import traceback
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -173,5 +175,15 @@ def load(reference: str) -> Any:
     try:
         module = importlib.import_module(module_name)
         return getattr(module, attribute) if attribute else module
-    except (ImportError, AttributeError) as error:
-        raise PluginError(f"cannot load {reference!r}: {error}") from error
+    except Exception as error:  # whatever a foreign module raises while it is imported
+        reason = " ".join(f"{error}".split()) or type(error).__name__
+        raise PluginError(f"cannot load {reference!r}: {reason}{_graphics_hint(error)}") from error
+
+
+def _graphics_hint(error: BaseException) -> str:
+    """MuJoCo loads the OpenGL it is told to when it is imported, and says little where there is none."""
+    asked = os.environ.get("MUJOCO_GL")
+    frames = traceback.extract_tb(error.__traceback__)
+    if not asked or not any("mujoco" in frame.filename for frame in frames):
+        return ""
+    return f" (MUJOCO_GL is set to {asked!r}: install that OpenGL, or unset it)"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import av
@@ -200,3 +202,13 @@ def test_a_mujoco_game_on_a_machine_without_a_screen(
     assert game["steps"] == 6
     assert game["seconds"] == pytest.approx(0.09)
     assert len(frames(tmp_path / "film.mp4")) == 3 + 40  # steps 0, 2, 4, and 6 for 1.2 s at 100/3 fps
+
+
+def test_an_opengl_that_is_not_there_is_named() -> None:
+    """MuJoCo loads it when it is imported, so any command may meet it."""
+    environment = {**os.environ, "MUJOCO_GL": "bogus"}
+    command = [sys.executable, "-m", "apil_core.cli", "eval", "zero", "--env", "run-to-goal-ants"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "MUJOCO_GL is set to 'bogus': install that OpenGL, or unset it" in done.stderr
