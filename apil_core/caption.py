@@ -134,4 +134,4 @@ def _fitting(text: str, room: float, size: float) -> tuple[str, Font]:
 
 
 def _font(size: float) -> Font:
-    return ImageFont.load_default(size)
+    return ImageFont.load_default(max(size, 1.0))  # the least there is

@@ -44,7 +44,7 @@ def evaluate(
     if episodes < 1:
         raise ConfigError(f"episodes must be at least 1, got {episodes}")
     check_blinding(blind, imitator=blind_imitator)
-    games = num_envs or min(episodes, MAX_PARALLEL_GAMES)
+    games = min(episodes, MAX_PARALLEL_GAMES) if num_envs is None else num_envs
     with (
         load_pairing(adversary, num_envs=games, seed=seed, **options) as pairing,
         one_torch_thread(),

@@ -150,7 +150,7 @@ class FidelityFile:
         for name, value in then.items():
             if value != now[name]:
                 raise ConfigError(
-                    f"{self.path} holds {plan.env}, {plan.setting} with {name} {value}, this call has "
+                    f"{self.path} holds {plan.title} with {name} {value}, this call has "
                     f"{now[name]}: take another --out file, or the same settings"
                 )
 
@@ -209,7 +209,7 @@ def _play(plan: RowPlan, plugins: PluginRegistry, threads: int, progress: Progre
 def summary(row: FidelityRow) -> str:
     """One line: the row, its shares, and the verdicts if there are any."""
     win, either = (100 * figure.measured.value for figure in (row.win, row.win_or_tie))
-    text = f"{row.plan.env}, {row.plan.setting}: {win:.1f} % wins, {either:.1f} % wins and ties"
+    text = f"{row.plan.title}: {win:.1f} % wins, {either:.1f} % wins and ties"
     verdicts = [figure.verdict for figure in (row.win, row.win_or_tie) if figure.verdict]
     return f"{text} ({'; '.join(verdicts)})" if verdicts else text
 

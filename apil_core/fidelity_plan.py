@@ -63,6 +63,11 @@ class RowPlan(BaseModel):
         parts += [f"{key} {value}" for key, value in self.options.items()]
         return ", ".join(parts)
 
+    @property
+    def title(self) -> str:
+        """Game, both policies and setting."""
+        return f"{self.env}, {self.adversary} against {self.victim}, {self.setting}"
+
 
 class SkippedMatchup(BaseModel):
     """A matchup that cannot be played here, and why."""

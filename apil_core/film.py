@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
 from types import ModuleType
@@ -54,6 +56,9 @@ class Film:
         path: of the file.
         width, height: of the frames, pixels, even.
         rate: frames per second.
+
+    Raises:
+        ApilError: the file cannot be written; so do :meth:`add` and :meth:`close`.
     """
 
     def __init__(self, path: Path, width: int, height: int, rate: Fraction):
@@ -62,27 +67,38 @@ class Film:
         self.frames = 0
         self._av = need("av", "av", "videos")
         self._part = path.with_name(f".{path.name}.part")
-        self._container = self._av.open(str(self._part), "w", format="mp4")
-        self._stream = self._container.add_stream(_codec(self._av), rate=rate, options=_QUALITY)
+        with self._writing():
+            self._container = self._av.open(str(self._part), "w", format="mp4")
+            self._stream = self._container.add_stream(_codec(self._av), rate=rate, options=_QUALITY)
         self._stream.width, self._stream.height = width, height
         self._stream.pix_fmt = "yuv420p"
 
     def add(self, picture: Image.Image, seconds: float = 0.0) -> None:
         """Append a picture: one frame, or as many as fill so many seconds."""
         for _ in range(max(1, round(seconds * self.rate))):
-            self._container.mux(self._stream.encode(self._av.VideoFrame.from_image(picture)))
+            with self._writing():
+                self._container.mux(self._stream.encode(self._av.VideoFrame.from_image(picture)))
             self.frames += 1
 
     def close(self) -> None:
         """Finish the file."""
-        self._container.mux(self._stream.encode())
-        self._container.close()
-        self._part.replace(self.path)
+        with self._writing():
+            self._container.mux(self._stream.encode())
+            self._container.close()
+            self._part.replace(self.path)
 
     def discard(self) -> None:
         """Leave nothing behind."""
-        self._container.close()
+        with suppress(self._av.error.FFmpegError):  # what could not be written need not be finished
+            self._container.close()
         self._part.unlink(missing_ok=True)
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except (self._av.error.FFmpegError, OSError) as error:
+            raise ApilError(f"cannot write {self.path}: {' '.join(str(error).split())}") from error
 
 
 def _codec(av: ModuleType) -> str | None:

@@ -25,7 +25,7 @@ from apil_core.policy import Policy, PolicyInfo
 from apil_core.registry import default_plugins, make_game
 from apil_core.run_hooks import RunHookManager
 from apil_core.rundir import RunDir
-from apil_core.seeds import stream_generator
+from apil_core.seeds import stream_generator, stream_seed
 from apil_core.types import Context
 
 
@@ -155,7 +155,10 @@ def load_pairing(
         ApilError: anything wrong with the names, files, options or sizes given.
     """
     check_device(device)
+    _check_numbers(seed=(seed, 0), num_envs=(num_envs, 1), threads=(threads, 0))
     run_dir, stored = _stored(adversary, env)
+    if run_dir is None and checkpoint_path is not None:
+        raise ConfigError(f"{adversary} is no run: there is no checkpoint to choose")
     plugins = plugins or _plugins([stored, *_victims_config(victim)], plugin_files)
     config = with_game_options(stored, plugins, game_options, sets)
     _adjust(config, victim, device, adversary_actions, victim_actions)
@@ -201,7 +204,8 @@ def _load_victim(config: RunConfig, game: Game, side: int, plugins: PluginRegist
         raise ConfigError(
             f"{name} trained the {seats[0]} of {theirs.env}; it cannot be the {seats[1]} of {config.env}"
         )
-    policy, hooks, _ = _load_adversary(run_dir, theirs, game, plugins, seed, None)
+    hook_seed = stream_seed(seed, "victim's hooks")  # not what the adversary's hooks draw from
+    policy, hooks, _ = _load_adversary(run_dir, theirs, game, plugins, hook_seed, None)
     if hooks.fills("filter_observation"):
         raise ConfigError(f"{name} filters what both sides see; it can only play as the adversary")
     return policy
@@ -229,6 +233,12 @@ def _stored(adversary: Path | str, env: str | None) -> tuple[RunDir | None, RunC
 def _plugins(configs: Sequence[RunConfig], plugin_files: Sequence[str]) -> PluginRegistry:
     files = [*(file for config in configs for file in config.plugins), *plugin_files]
     return discover(list(dict.fromkeys(files))) if files else default_plugins()
+
+
+def _check_numbers(**numbers: tuple[int, int]) -> None:
+    for name, (value, least) in numbers.items():
+        if value < least:
+            raise ConfigError(f"{name} must be at least {least}, got {value}")
 
 
 def _adjust(

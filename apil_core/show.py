@@ -28,6 +28,13 @@ FILM_SIZE, SNAPSHOT_SIZE = (960, 540), (480, 320)
 """Pixels of a frame and of a snapshot, unless told otherwise."""
 
 
+LARGEST = 4096
+"""Pixels a picture may be wide or high."""
+
+SPEEDS, RATES = (0.001, 1000.0), (1.0, 1000.0)
+"""Least and most of ``speed`` and ``fps``: a film's frame rate can be written down."""
+
+
 @dataclass(frozen=True)
 class Programme:
     """What is to be shown, and where.
@@ -55,6 +62,11 @@ class Programme:
     speed: float = 1.0
     fps: float = 30.0
 
+    @property
+    def games(self) -> int:
+        """How many are shown."""
+        return 1 if self.until else self.episodes or 1
+
     def size(self, default: tuple[int, int]) -> tuple[int, int]:
         """Width and height, with the default where nothing was said."""
         return self.width or default[0], self.height or default[1]
@@ -67,17 +79,17 @@ class Programme:
         """
         if self.episodes is not None and self.episodes < 1:
             raise ConfigError(f"--episodes must be at least 1, got {self.episodes}")
-        for name, value in (("--speed", self.speed), ("--fps", self.fps)):
-            if not 0 < value < float("inf"):
-                raise ConfigError(f"{name} must be positive, got {value}")
+        for name, value, bounds in (("--speed", self.speed, SPEEDS), ("--fps", self.fps, RATES)):
+            if not bounds[0] <= value <= bounds[1]:
+                raise ConfigError(f"{name} takes {bounds[0]:g} to {bounds[1]:g}, got {value:g}")
         for name, pixels in (("--width", self.width), ("--height", self.height)):
-            if pixels is not None and pixels < 1:
-                raise ConfigError(f"{name} must be at least 1, got {pixels}")
+            if pixels is not None and not 1 <= pixels <= LARGEST:
+                raise ConfigError(f"{name} takes 1 to {LARGEST}, got {pixels}")
         if self.video is not None:
             check_film(self.video, *self.size(FILM_SIZE))
             _check_free(self.video)
         if self.snapshots is not None:
-            check_strip(self.strip, self.snapshots)
+            check_strip(self.strip, self.snapshots, self.games, self.size(SNAPSHOT_SIZE))
             _check_free(self.strip)
 
 
@@ -158,7 +170,7 @@ def _show_game(spectacle: Spectacle, number: int, audiences: list[Audience], cas
 
 def _numbers(spectacle: Spectacle, programme: Programme) -> list[int]:
     if programme.until is None:
-        return list(range(1, (programme.episodes or 1) + 1))
+        return list(range(1, programme.games + 1))
     tries = programme.episodes or TRIES
     found = spectacle.find(programme.until, tries)
     if found is None:
@@ -172,8 +184,7 @@ def _cast(pairing: Pairing, programme: Programme) -> Cast:
     sides = pairing.game.layout.sides
     victim = f"{sides[1 - pairing.side].name}, {pairing.victim.info.name}"
     adversary = f"{sides[pairing.side].name}, {pairing.adversary.info.name}"
-    games = 1 if programme.until else programme.episodes or 1
-    return Cast(victim, adversary, games, Score())
+    return Cast(victim, adversary, programme.games, Score())
 
 
 def _audiences(pairing: Pairing, programme: Programme, cast: Cast) -> list[Audience]:

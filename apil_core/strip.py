@@ -15,15 +15,25 @@ from apil_core.files import write_atomically
 FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEBP"}
 """File formats by extension."""
 
+LONGEST = {"PNG": 100_000, "JPEG": 65_500, "WEBP": 16_383}
+"""Pixels a strip may be wide or high, by format."""
+
 MOST = 50
 """Pictures a row may have."""
+
+_AREA = 150_000_000  # pixels of a whole strip; six bytes each while it is put together
 
 _GAP = 4  # pixels of white between pictures
 _LARGER = 1.4  # letters of the scoreboard to those in the pictures
 
 
-def check_strip(path: Path, snapshots: int) -> None:
+def check_strip(path: Path, snapshots: int, games: int, size: tuple[int, int]) -> None:
     """Whether such a strip can be written there.
+
+    Args:
+        path: of the file.
+        snapshots, games: pictures in a row, and rows.
+        size: of a picture, pixels.
 
     Raises:
         ApilError: it cannot.
@@ -32,6 +42,12 @@ def check_strip(path: Path, snapshots: int) -> None:
         raise ApilError(f"{path}: snapshots are written to {', '.join(FORMATS)} files")
     if not 1 <= snapshots <= MOST:
         raise ApilError(f"--snapshots takes 1 to {MOST}, got {snapshots}")
+    width, height = _sheet(snapshots, games, *size)
+    if max(width, height) > LONGEST[FORMATS[path.suffix.lower()]] or width * height > _AREA:
+        raise ApilError(
+            f"{path}: a strip of {width} × {height} pixels is too large; take fewer --snapshots or "
+            "--episodes, or a smaller --width and --height"
+        )
 
 
 def chosen_steps(steps: int, snapshots: int) -> list[int]:
@@ -64,7 +80,7 @@ class Strip:
         """All rows below the scoreboard, (rows · height + board) × (snapshots · width)."""
         width, height = self.rows[0][0].size
         columns = max(len(row) for row in self.rows)
-        sheet = (columns * (width + _GAP) - _GAP, len(self.rows) * (height + _GAP) - _GAP)
+        sheet = _sheet(columns, len(self.rows), width, height)
         board = caption.board(sheet[0], caption.letter_size(self.rows[0][0]) * _LARGER, cast)
         image = Image.new("RGB", (sheet[0], sheet[1] + board.height), "white")
         image.paste(board.convert("RGB"), (0, 0))
@@ -81,3 +97,8 @@ class Strip:
         """
         image, kind = self.picture(cast), FORMATS[path.suffix.lower()]
         write_atomically(path, lambda file: image.save(file, format=kind))
+
+
+def _sheet(columns: int, rows: int, width: int, height: int) -> tuple[int, int]:
+    """Width and height of all pictures together, without the scoreboard."""
+    return columns * (width + _GAP) - _GAP, rows * (height + _GAP) - _GAP

@@ -10,12 +10,19 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from apil_core.difference import difference
 from apil_core.evaluation import Rate
-from apil_core.fidelity import Figure, FidelityRow, read_rows
+from apil_core.fidelity import FidelityRow, Figure, read_rows
 
 HERE = Path(__file__).parent
 PAGE = HERE / "fidelity.md"
 BEGIN, END = "<!-- made by make_fidelity.py -->", "<!-- end of what make_fidelity.py made -->"
+
+
+def pairing(row: FidelityRow) -> str:
+    """``sumo-humans, v1 against v3``."""
+    versions = [name.rpartition("/")[2] for name in (row.plan.adversary, row.plan.victim)]
+    return f"{row.plan.env}, {' against '.join(versions)}"
 
 
 def percent(rate: Rate) -> str:
@@ -33,23 +40,32 @@ def main_table(rows: list[FidelityRow]) -> list[str]:
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
-        plan = row.plan
-        who = f"{plan.env}{'*' if plan.stands_in_for else ''}"
-        facts = [who, plan.setting, str(row.result.episodes), *cells(row.win), *cells(row.win_or_tie)]
+        who = f"{pairing(row)}{'*' if row.plan.stands_in_for else ''}"
+        facts = [who, row.plan.setting, str(row.result.episodes), *cells(row.win), *cells(row.win_or_tie)]
         lines.append(f"| {' | '.join(facts)} |")
     return lines
 
 
-def switch_table(rows: list[FidelityRow], defaults: dict[str, FidelityRow]) -> list[str]:
-    """Switches of one game beside its default row: what a switch does matters more than the verdict."""
-    lines = ["| setting | games | win % | win+tie % | win, difference to published | mean length |"]
-    lines.append("|---|---|---|---|---|---|")
-    for row in [defaults[rows[0].plan.env], *rows]:
+def switch_table(rows: list[FidelityRow], default: FidelityRow) -> list[str]:
+    """Switches of one game below its default row."""
+    lines = ["| setting | games | win % | difference to published | win+tie % | difference to published "]
+    lines[0] += "| win, difference to the first row | mean length |"
+    lines.append("|---|---|---|---|---|---|---|---|")
+    for row in [default, *rows]:
         result = row.result
-        lines.append(
-            f"| {row.plan.setting} | {result.episodes} | {percent(row.win.measured)} "
-            f"| {percent(row.win_or_tie.measured)} | {row.win.verdict or '–'} | {result.mean_length:.0f} |"
-        )
+        moved = difference(result.wins, result.episodes, default.result.wins, default.result.episodes)
+        values = (100 * moved.value, 100 * moved.low, 100 * moved.high)
+        cells = [
+            row.plan.setting,
+            str(result.episodes),
+            percent(row.win.measured),
+            row.win.verdict or "–",
+            percent(row.win_or_tie.measured),
+            row.win_or_tie.verdict or "–",
+            "–" if row is default else "{:+.1f} [{:.1f}, {:.1f}]".format(*values),
+            f"{result.mean_length:.0f}",
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
     return lines
 
 
@@ -58,21 +74,21 @@ def endings_table(rows: list[FidelityRow]) -> list[str]:
     for row in rows:
         causes = sorted(row.result.causes.items(), key=lambda item: -item[1])
         endings = ", ".join(f"{name} {count}" for name, count in causes)
-        lines.append(f"| {row.plan.env} | {row.plan.setting} | {endings} | {row.result.mean_length:.0f} |")
+        lines.append(f"| {pairing(row)} | {row.plan.setting} | {endings} | {row.result.mean_length:.0f} |")
     return lines
 
 
 def tables(rows: list[FidelityRow]) -> str:
     main = [row for row in rows if row.plan.kind in ("default", "as-published")]
-    defaults = {row.plan.env: row for row in main if row.plan.kind == "default"}
+    defaults = {pairing(row): row for row in main if row.plan.kind == "default"}
     parts = ["### Default and as published", "", *main_table(main)]
     for row in {row.plan.env: row for row in main if row.plan.stands_in_for}.values():
         parts += ["", f"\\* `{row.plan.adversary}` stands in for `{row.plan.stands_in_for}`."]
     parts += ["", "### How the games ended", "", *endings_table(main)]
-    for env in defaults:
-        switched = [row for row in rows if row.plan.env == env and row not in main]
-        if switched:
-            parts += ["", f"### Switches of {env}", "", *switch_table(switched, defaults)]
+    for name, default in defaults.items():
+        same = [row for row in rows if pairing(row) == name and row is not default]
+        if any(row not in main for row in same):
+            parts += ["", f"### Switches of {name}", "", *switch_table(same, default)]
     versions = rows[0].result.versions
     seconds = sum(row.result.wall_seconds for row in rows)
     parts += [

@@ -117,7 +117,7 @@ def _print(rows: list[FidelityRow], skipped: list[SkippedMatchup]) -> None:
             ranked = sorted(row.result.causes.items(), key=lambda item: -item[1])
             endings = ", ".join(f"{name} {count}" for name, count in ranked)
             facts = f"mean length {row.result.mean_length:.0f}, {row.result.wall_seconds:.0f} s"
-            out.print(f"{row.plan.env}, {row.plan.setting}: {endings}; {facts}", markup=False)
+            out.print(f"{row.plan.title}: {endings}; {facts}", markup=False)
     else:
         out.print("nothing played: no game here names a pairing whose weights are on this machine")
     for row in {row.plan.adversary: row for row in rows if row.plan.stands_in_for}.values():

@@ -19,7 +19,7 @@ from gymnasium.spaces import Box, Dict, MultiBinary, Space
 from pettingzoo import ParallelEnv
 
 from apil_core.game import NO_WINNER, Array
-from apil_core.pettingzoo_game.maker import Maker, one_line
+from apil_core.pettingzoo_game.maker import Maker, one_line, prints_to_stderr
 from apil_core.pettingzoo_game.spaces import Seat
 
 CAUSES = ("terminated", "truncated", "time-up", "diverged")
@@ -85,7 +85,8 @@ class Bundle(gymnasium.Env[Any, Any]):
     def picture(self, game: int) -> Any:
         """What ``render`` of one environment gives, or in one line why it gives nothing."""
         try:
-            return self._envs[game].render() if self._envs else None
+            with prints_to_stderr():
+                return self._envs[game].render() if self._envs else None
         except Exception as error:
             return one_line(error)
 
@@ -93,9 +94,10 @@ class Bundle(gymnasium.Env[Any, Any]):
         try:
             while len(self._envs) < self._games:
                 self._envs.append(self._maker())
-            for game in games:
-                do(int(game))
-        except Exception as error:
+            with prints_to_stderr():
+                for game in games:
+                    do(int(game))
+        except (Exception, SystemExit) as error:
             return {"failure": one_line(error)}
         return {}
 

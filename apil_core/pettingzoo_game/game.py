@@ -12,7 +12,7 @@ from apil_core.game import NO_WINNER, Array, Colour, Game, GameLayout, GameStep
 from apil_core.pettingzoo_game.bundle import CAUSES, DIVERGED, GOES_ON, TIME_UP, UNSAID
 from apil_core.pettingzoo_game.bundles import Bundles
 from apil_core.pettingzoo_game.history import History
-from apil_core.pettingzoo_game.maker import Maker, one_line
+from apil_core.pettingzoo_game.maker import Maker, one_line, prints_to_stderr
 from apil_core.pettingzoo_game.options import PettingZooOptions
 from apil_core.pettingzoo_game.picture import fitted
 from apil_core.pettingzoo_game.repeatable import check_repeatable
@@ -170,7 +170,8 @@ class PettingZooGame(Game):
                 Seat.of(agent, env.observation_space(agent), env.action_space(agent))
                 for agent in env.possible_agents
             )
-            check_repeatable(env, (first, second))
+            with prints_to_stderr():
+                check_repeatable(env, (first, second))
         except ConfigError as error:
             raise ConfigError(f"{self.name}: {error}") from error
         except Exception as error:

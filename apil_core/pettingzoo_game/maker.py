@@ -51,7 +51,7 @@ class Maker:
             raise ConfigError(f"game pettingzoo:{target}: expected pettingzoo:MODULE:CALLABLE")
         try:
             found = cls(target).callable
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise ConfigError(f"game pettingzoo:{target}: cannot be loaded: {one_line(error)}") from error
         if not callable(found):
             raise ConfigError(f"game pettingzoo:{target}: {attribute} is not callable")
@@ -61,7 +61,7 @@ class Maker:
     def callable(self) -> Any:
         """What the target names; imports the module if need be."""
         module, _, attribute = self.target.partition(":")
-        with _prints_to_stderr():
+        with prints_to_stderr():
             if module in sys.modules or self.file is None or importlib.util.find_spec(module):
                 return attrgetter(attribute)(importlib.import_module(module))
             return attrgetter(attribute)(import_file(Path(self.file)))
@@ -80,7 +80,7 @@ class Maker:
         name = f"game pettingzoo:{self.target}"
         try:
             env = self()
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise ConfigError(f"{name}: the environment cannot be made: {one_line(error)}") from error
         if isinstance(env, AECEnv):
             raise ConfigError(f"{name}: this is an AECEnv, played in turns; name its parallel_env instead")
@@ -93,7 +93,7 @@ class Maker:
 
     def __call__(self) -> ParallelEnv:
         """One environment."""
-        with _prints_to_stderr():
+        with prints_to_stderr():
             return self.callable(**self.kwargs)
 
 
@@ -103,7 +103,7 @@ def _distributions() -> Mapping[str, list[str]]:
 
 
 @contextmanager
-def _prints_to_stderr() -> Iterator[None]:
-    """Libraries greet when they are imported; stdout is for results (``--json``)."""
+def prints_to_stderr() -> Iterator[None]:
+    """Libraries greet and environments chat; stdout is for results (``--json``)."""
     with redirect_stdout(sys.stderr):
         yield

@@ -45,6 +45,19 @@ def test_a_wrong_option_is_one_line(apil: Apil, text: str, message: str) -> None
     assert (done.code, done.out, done.err) == (2, "", f"apil: {message}\n")
 
 
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--seed", "-1"], "seed must be at least 0, got -1"),
+        (["--num-envs", "0"], "num_envs must be at least 1, got 0"),
+        (["--checkpoint", "x"], "baseline:random/7x2 is no run: there is no checkpoint to choose"),
+    ],
+)
+def test_a_number_out_of_range_is_one_line(apil: Apil, flags: list[str], message: str) -> None:
+    done = apil("eval", *RANDOM, *flags)
+    assert (done.code, done.out, done.err) == (2, "", f"apil: {message}\n")
+
+
 @pytest.mark.parametrize("mode", ["zeros", "initial"])
 def test_blinding_is_shown_and_recorded(apil: Apil, mode: str) -> None:
     plain = json.loads(apil("eval", *RANDOM, "--json").out)

@@ -55,7 +55,7 @@ def test_the_table_says_what_was_measured_and_what_published(apil: Apil, flags: 
     assert "* baseline:random/2x1 stands in for zoo:kick-and-defend/kicker/v1" in done.out
     assert "skipped matched, zoo:kick-and-defend/kicker/v1: " in done.out
     assert "apil victims download" in done.out
-    assert "2 of 2 rows: matched, mode/mode" in done.err
+    assert "2 of 2 rows: matched, baseline:random/2x1 against baseline:random/2x1, mode/mode" in done.err
 
 
 def test_json_holds_every_row_and_what_was_skipped(apil: Apil, flags: tuple[str, ...]) -> None:

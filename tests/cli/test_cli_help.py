@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import resource
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -54,9 +54,11 @@ def test_looking_around_imports_nothing_heavy(arguments: list[str]) -> None:
 
 def test_help_answers_within_half_a_second() -> None:
     def once() -> float:
-        begin = time.perf_counter()
+        """CPU time, which a busy machine does not change much, s."""
+        begin = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run([sys.executable, "-m", "apil_core.cli", "--help"], capture_output=True, check=True)
-        return time.perf_counter() - begin
+        end = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return end.ru_utime + end.ru_stime - begin.ru_utime - begin.ru_stime
 
     assert min(once() for _ in range(3)) < 0.5
 

@@ -76,7 +76,8 @@ class Scripted(ParallelEnv):
     Args:
         plan: per step from 1, any of ``rewards``, ``out`` (agents terminated), ``cut`` (agents truncated),
             ``gone`` (agents no longer observed), ``seen`` (the first number of both observations), ``infos``,
-            ``raise`` (text), ``exit`` (the process ends). The first trial plays ten steps only.
+            ``say`` (printed), ``raise`` (text), ``exit`` (the process ends). The first trial plays ten steps
+            only.
         agents, actions, observations: names, and kinds of spaces.
     """
 
@@ -119,6 +120,8 @@ class Scripted(ParallelEnv):
     def step(self, actions: dict[str, Any]) -> Any:
         self.time += 1
         now = self.plan.get(self.time, {})
+        if "say" in now:
+            print(now["say"])
         if "exit" in now:
             os._exit(3)
         if "raise" in now:

@@ -89,7 +89,7 @@ def test_the_verdict_is_whether_the_interval_holds_nought() -> None:
     assert far.win_or_tie.difference is not None
     assert far.win_or_tie.verdict == "agrees: +10.0 [-3.7, 23.2]"
     assert summary(far).startswith(
-        "game, sampled/sampled: 50.0 % wins, 50.0 % wins and ties (differs by +20.0"
+        "game, a against v, sampled/sampled: 50.0 % wins, 50.0 % wins and ties (differs"
     )
     few = row(20, 0, 100)
     assert few.win.verdict.startswith("agrees: -10.0 [")
@@ -105,7 +105,7 @@ def test_wins_and_ties_are_counted_apart() -> None:
 def test_without_a_published_score_there_is_no_verdict() -> None:
     plain = row(50, 0, 100, None)
     assert (plain.win.published, plain.win.difference, plain.win.verdict) == (None, None, "")
-    assert summary(plain) == "game, sampled/sampled: 50.0 % wins, 50.0 % wins and ties"
+    assert summary(plain) == "game, a against v, sampled/sampled: 50.0 % wins, 50.0 % wins and ties"
 
 
 # --- planning

@@ -238,6 +238,7 @@ def test_time_up_without_a_word_is_a_tie() -> None:
         ("pettingzoo:core.odd_envs:Rave", {}, "has no attribute 'Rave'"),
         ("pettingzoo:core.odd_envs:UNIT", {}, "UNIT is not callable"),
         ("pettingzoo:core.odd_envs:broken_maker", {}, "cannot be made: OSError: no licence file"),
+        ("pettingzoo:sys:exit", {}, "cannot be made: SystemExit"),
         ("pettingzoo:core.odd_envs:no_env", {}, "expected a PettingZoo ParallelEnv, got dict"),
         ("pettingzoo:mpe2.simple_push_v3:env", {}, "played in turns; name its parallel_env"),
         ("pettingzoo:core.odd_envs:Careless", {}, "one seed gives different games"),
@@ -286,6 +287,18 @@ def test_an_exception_in_an_environment_is_one_line(threads: int, capfd: Any) ->
     game.close()
     assert multiprocessing.active_children() == []
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_what_an_environment_prints_stays_out_of_stdout(threads: int, capfd: Any) -> None:
+    game = scripted({3: {"say": "agent 0 fallen"}}, threads)
+    last(game, 3)
+    game.close()
+    printed = capfd.readouterr()
+    assert printed.out == ""
+    assert printed.err.count("agent 0 fallen") == 2 + threads, (
+        "in the first trial, played twice, and in the games"
+    )
 
 
 def test_a_worker_that_dies_is_one_line(capfd: Any) -> None:

@@ -55,11 +55,16 @@ def test_a_strip_has_a_row_for_every_game(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "snapshots", "message"),
-    [("strip.gif", 3, r"\.png"), ("strip.png", 0, "1 to 50, got 0"), ("strip.png", 51, "got 51")],
+    [
+        ("strip.gif", 3, r"\.png"),
+        ("strip.png", 0, "1 to 50, got 0"),
+        ("strip.png", 51, "got 51"),
+        ("strip.webp", 40, "19356 × 320 pixels is too large"),
+    ],
 )
 def test_what_cannot_be_written_is_said_before(name: str, snapshots: int, message: str) -> None:
     with pytest.raises(ApilError, match=message):
-        check_strip(Path(name), snapshots)
+        check_strip(Path(name), snapshots, 1, (480, 320))
 
 
 @pytest.mark.parametrize(
@@ -80,7 +85,7 @@ def test_colours_go_by_role() -> None:
     assert colours.by_side(0) == (colours.ADVERSARY, colours.VICTIM)
 
 
-@pytest.mark.parametrize("width", [40, 200, 960])
+@pytest.mark.parametrize("width", [2, 40, 200, 960])
 def test_long_names_stay_on_their_half_of_the_board(width: int) -> None:
     line = caption.board(width, 16, cast(Score(), "a name far too long to fit " * 9)).convert("RGB")
     assert line.width == width
