@@ -46,6 +46,8 @@ def read(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
         state = torch.load(path, map_location=device, weights_only=True)
     except FileNotFoundError as error:
         raise RunDirError(f"no checkpoint at {path}") from error
+    except IsADirectoryError as error:
+        raise RunDirError(f"{path} is a directory; a checkpoint is a file in a run's checkpoints/") from error
     except Exception as error:
         others = sorted(p.name for p in path.parent.glob("*.pt") if p != path)
         hint = f"; try --checkpoint {path.parent / others[-1]}" if others else ""

@@ -7,20 +7,22 @@ none about whether the physics, the rules or the published figure are right.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from importlib import metadata
-from pathlib import Path
+from contextlib import nullcontext
+from typing import TYPE_CHECKING
 
-from pydantic import BaseModel, ValidationError, computed_field
+from pydantic import BaseModel, computed_field
 
 from apil_core.difference import Difference, difference
-from apil_core.errors import ConfigError, UnknownNameError, VictimError
+from apil_core.errors import UnknownNameError, VictimError
 from apil_core.evaluation import EvaluationResult, Rate
 from apil_core.evaluator import evaluate
 from apil_core.fidelity_plan import RowPlan
-from apil_core.files import write_atomically
 from apil_core.plugins import PluginRegistry
 from apil_core.progress import Progress
 from apil_core.registry import load_policy
+
+if TYPE_CHECKING:
+    from apil_core.fidelity_file import FidelityFile
 
 
 class Figure(BaseModel):
@@ -91,70 +93,6 @@ def missing_policy(plugins: PluginRegistry) -> Callable[[str], str | None]:
     return reason
 
 
-class FidelityFile:
-    """Finished rows on disk, one JSON object a line: rows are hours of work.
-
-    Args:
-        path: created if it is not there.
-
-    Raises:
-        ConfigError: a line is no row.
-    """
-
-    def __init__(self, path: Path):
-        self.path = path
-        self.rows: list[FidelityRow] = []
-        if path.is_dir() or not path.parent.is_dir():
-            raise ConfigError(
-                f"{path}: {'is a directory' if path.is_dir() else 'its directory does not exist'}"
-            )
-        lines = path.read_text("utf-8").splitlines() if path.exists() else []
-        for number, line in enumerate(lines, start=1):
-            try:
-                self.rows.append(FidelityRow.model_validate_json(line))
-            except ValidationError as error:
-                raise ConfigError(f"{path}:{number}: this line is no row of apil fidelity") from error
-
-    def played(self, plans: Iterable[RowPlan]) -> dict[tuple[object, ...], FidelityRow]:
-        """Rows of ``plans`` that are in the file, by identity.
-
-        Raises:
-            ConfigError: one of them was played with other settings than asked for now.
-        """
-        here = {row.plan.identity: row for row in self.rows}
-        found = {}
-        for plan in plans:
-            row = here.get(plan.identity)
-            if row is not None:
-                self._check_same(plan, row)
-                # what was published may have been corrected since; the games stay what they were
-                found[plan.identity] = row.model_copy(update={"plan": plan})
-        return found
-
-    def add(self, row: FidelityRow) -> None:
-        """Keep one more row.
-
-        Raises:
-            RunDirError: the file cannot be written; what was in it is untouched.
-        """
-        self.rows.append(row)
-        computed = {"win", "win_or_tie"}
-        text = "".join(f"{kept.model_dump_json(exclude=computed)}\n" for kept in self.rows)
-        write_atomically(self.path, lambda file: file.write(text.encode()))
-
-    def _check_same(self, plan: RowPlan, row: FidelityRow) -> None:
-        then = {name: getattr(row.result, name) for name in ("episodes", "seed", "num_envs")}
-        now = {name: getattr(plan, name) for name in then}
-        then |= {"mujoco": row.result.versions.get("mujoco")}
-        now |= {"mujoco": metadata.version("mujoco")}
-        for name, value in then.items():
-            if value != now[name]:
-                raise ConfigError(
-                    f"{self.path} holds {plan.title} with {name} {value}, this call has "
-                    f"{now[name]}: take another --out file, or the same settings"
-                )
-
-
 def play_rows(
     plans: Iterable[RowPlan],
     *,
@@ -177,15 +115,16 @@ def play_rows(
     """
     plans = list(plans)
     progress = progress or Progress()
-    rows = {} if file is None else file.played(plans)
-    for plan in plans:
-        if plan.identity in rows:
-            continue
-        row = FidelityRow(plan=plan, result=_play(plan, plugins, threads, progress))
-        if file is not None:
-            file.add(row)
-        rows[plan.identity] = row
-        progress.note(f"{len(rows)} of {len(plans)} rows: {summary(row)}")
+    with nullcontext() if file is None else file.alone():
+        rows = {} if file is None else file.played(plans, plugins)
+        for plan in plans:
+            if plan.identity in rows:
+                continue
+            row = FidelityRow(plan=plan, result=_play(plan, plugins, threads, progress))
+            if file is not None:
+                file.add(row)
+            rows[plan.identity] = row
+            progress.note(f"{len(rows)} of {len(plans)} rows: {summary(row)}")
     return [rows[plan.identity] for plan in plans]
 
 
@@ -212,14 +151,3 @@ def summary(row: FidelityRow) -> str:
     text = f"{row.plan.title}: {win:.1f} % wins, {either:.1f} % wins and ties"
     verdicts = [figure.verdict for figure in (row.win, row.win_or_tie) if figure.verdict]
     return f"{text} ({'; '.join(verdicts)})" if verdicts else text
-
-
-def read_rows(path: Path) -> list[FidelityRow]:
-    """The rows of a file that ``apil fidelity --out`` wrote.
-
-    Raises:
-        ConfigError: it is not there, or a line is no row.
-    """
-    if not path.is_file():
-        raise ConfigError(f"{path}: no such file")
-    return FidelityFile(path).rows

@@ -119,7 +119,9 @@ def plan_rows(games: Iterable[GameSpec], request: PlanRequest, missing: Callable
     Raises:
         ConfigError: a number below 1, or a variant that fits no game or that a game's options refuse.
     """
+    games = list(games)
     _check(request)
+    _check_variants(request.variants, games)
     plan = Plan()
     playable: list[tuple[GameSpec, Matchup]] = []
     for spec in games:
@@ -131,7 +133,6 @@ def plan_rows(games: Iterable[GameSpec], request: PlanRequest, missing: Callable
                 plan.skipped.append(SkippedMatchup(**facts, reason=reason))
             elif matchup.stands_in_for is None or lacking.get(matchup.stands_in_for):
                 playable.append((spec, matchup))
-    _check_variants(request.variants, [spec for spec, _ in playable])
     unique: dict[tuple[object, ...], RowPlan] = {}
     for kind in typing.get_args(RowKind):
         for spec, matchup in playable:
@@ -210,6 +211,8 @@ def _check(request: PlanRequest) -> None:
     for name in ("episodes", "switch_episodes", "num_envs"):
         if getattr(request, name) < 1:
             raise ConfigError(f"{name} must be at least 1, got {getattr(request, name)}")
+    if request.seed < 0:
+        raise ConfigError(f"seed must be at least 0, got {request.seed}")
 
 
 def _check_variants(variants: Sequence[Mapping[str, Any]], games: Sequence[GameSpec]) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypedDict
@@ -38,7 +38,7 @@ class Pairing:
         game: not yet seeded.
         adversary, victim: the players.
         side: index of the adversary's seat.
-        hooks: of the adversary's run, or ``None`` for a named policy.
+        hooks, victim_hooks: of the adversary's and the victim's run, or ``None`` for a named policy.
         steps: the adversary was trained for, or ``None`` for a named policy.
     """
 
@@ -49,6 +49,7 @@ class Pairing:
     side: int
     hooks: RunHookManager | None = None
     steps: int | None = None
+    victim_hooks: RunHookManager | None = None
 
     @property
     def device(self) -> torch.device:
@@ -85,9 +86,14 @@ class Pairing:
         }
         return ObservationFilter(self.hooks, contexts)
 
-    def attribution(self) -> AbstractContextManager[None]:
+    @contextmanager
+    def attribution(self) -> Iterator[None]:
         """Put a plugin's name on what its hooks raise."""
-        return self.hooks.attribution() if self.hooks is not None else nullcontext()
+        with ExitStack() as stack:
+            for hooks in (self.hooks, self.victim_hooks):
+                if hooks is not None:
+                    stack.enter_context(hooks.attribution())
+            yield
 
     def close(self) -> None:
         """Release the game."""
@@ -165,12 +171,12 @@ def load_pairing(
     side = 1 - victim_side(config, plugins)
     game = make_game(config.env, num_envs=num_envs, threads=threads, options=config.game, plugins=plugins)
     try:
-        opponent = _load_victim(config, game, 1 - side, plugins, seed)
+        opponent, their_hooks = _load_victim(config, game, 1 - side, plugins, seed)
         if run_dir is None:
             named = load_victim(str(adversary), game, side, device, plugins)
-            return Pairing(config, game, named, opponent, side)
-        trained = _load_adversary(run_dir, config, game, plugins, seed, checkpoint_path)
-        return Pairing(config, game, trained[0], opponent, side, *trained[1:])
+            return Pairing(config, game, named, opponent, side, victim_hooks=their_hooks)
+        trained, hooks, steps = _load_adversary(run_dir, config, game, plugins, seed, checkpoint_path)
+        return Pairing(config, game, trained, opponent, side, hooks, steps, their_hooks)
     except BaseException:
         game.close()
         raise
@@ -191,11 +197,13 @@ def _load_adversary(
     return policy, hooks, int(state["steps"])
 
 
-def _load_victim(config: RunConfig, game: Game, side: int, plugins: PluginRegistry, seed: int) -> Policy:
-    """The policy in the victim's seat: a named one, or what a run trained for that seat."""
+def _load_victim(
+    config: RunConfig, game: Game, side: int, plugins: PluginRegistry, seed: int
+) -> tuple[Policy, RunHookManager | None]:
+    """The policy in the victim's seat: a named one, or what a run trained for that seat, with its hooks."""
     name = victim_name(config, plugins)
     if not Path(name).is_dir():
-        return load_victim(name, game, side, config.device, plugins)
+        return load_victim(name, game, side, config.device, plugins), None
     run_dir = RunDir(name)
     theirs = run_dir.config().model_copy(update={"device": config.device})
     trained = 1 - victim_side(theirs, plugins)
@@ -208,7 +216,7 @@ def _load_victim(config: RunConfig, game: Game, side: int, plugins: PluginRegist
     policy, hooks, _ = _load_adversary(run_dir, theirs, game, plugins, hook_seed, None)
     if hooks.fills("filter_observation"):
         raise ConfigError(f"{name} filters what both sides see; it can only play as the adversary")
-    return policy
+    return policy, hooks
 
 
 def _victims_config(victim: str | None) -> list[RunConfig]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from apil_core.errors import ApilError, ConfigError
 from apil_core.evaluation import PolicyId
 from apil_core.film import check_film
 from apil_core.pairing import Pairing
+from apil_core.progress import Progress
 from apil_core.spectacle import Moment, Outcome, PlayedGame, Spectacle
 from apil_core.strip import check_strip
 from apil_core.torch_threads import one_torch_thread
@@ -113,19 +113,18 @@ class PlayResult(BaseModel):
     snapshots: Path | None = None
 
 
-def show(
-    pairing: Pairing, programme: Programme, on_game: Callable[[PlayedGame], None] | None = None
-) -> PlayResult:
+def show(pairing: Pairing, programme: Programme, progress: Progress | None = None) -> PlayResult:
     """Play and show what the programme asks for.
 
     Args:
         pairing: made with ``num_envs=1``.
         programme: checked by the caller.
-        on_game: told of every game that was shown.
+        progress: told of every game that was shown, or tried before one ended as wished.
 
     Raises:
         ApilError: nothing can be drawn here, or no game ended as wished.
     """
+    progress = progress or Progress()
     cast = _cast(pairing, programme)
     spectacle = Spectacle(pairing, programme.seed)
     pairing.game.seed(0)
@@ -134,10 +133,9 @@ def show(
     with one_torch_thread(), pairing.attribution():
         audiences = _audiences(pairing, programme, cast)
         try:
-            for number in _numbers(spectacle, programme):
+            for number in _numbers(spectacle, programme, progress):
                 games.append(_show_game(spectacle, number, audiences, cast))
-                if on_game is not None:
-                    on_game(games[-1])
+                progress.note(f"game {number} shown: {games[-1].outcome}, {games[-1].cause}")
             for audience in audiences:
                 audience.finish()
         except BaseException as reason:
@@ -168,11 +166,13 @@ def _show_game(spectacle: Spectacle, number: int, audiences: list[Audience], cas
     return played
 
 
-def _numbers(spectacle: Spectacle, programme: Programme) -> list[int]:
+def _numbers(spectacle: Spectacle, programme: Programme, progress: Progress) -> list[int]:
     if programme.until is None:
         return list(range(1, programme.games + 1))
     tries = programme.episodes or TRIES
-    found = spectacle.find(programme.until, tries)
+    found = spectacle.find(
+        programme.until, tries, lambda game: progress.note(f"game {game.number} of {tries}: {game.outcome}")
+    )
     if found is None:
         raise ApilError(
             f"none of {tries} games was a {programme.until} of the adversary; try --episodes or --seed"

@@ -86,10 +86,17 @@ class Spectacle:
             if ended is not None:
                 return ended
 
-    def find(self, outcome: Outcome, games: int) -> PlayedGame | None:
-        """The first of so many games that ends like that."""
-        played = (self.play(number) for number in range(1, games + 1))
-        return next((game for game in played if game.outcome == outcome), None)
+    def find(
+        self, outcome: Outcome, games: int, on_game: Callable[[PlayedGame], None] | None = None
+    ) -> PlayedGame | None:
+        """The first of so many games that ends like that; ``on_game`` is told of each one tried."""
+        for number in range(1, games + 1):
+            played = self.play(number)
+            if on_game is not None:
+                on_game(played)
+            if played.outcome == outcome:
+                return played
+        return None
 
     def _rewind(self, seed: int) -> None:
         """Let stochastic hooks draw the same again."""

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from apil_core.plugins import PluginRegistry
     from apil_core.specs import GameSpec
 
+WEIGHTS_MISSING = 1
+"""Exit code where there were pairings, and weights for none of them."""
+
 
 def fidelity(
     *,
@@ -45,13 +48,14 @@ def fidelity(
     plugin: Plugins | None = None,
     quiet: Quiet = False,
     as_json: Json = False,
-) -> None:
+) -> int:
     """Play the published pairings of pretrained agents and compare with the published scores.
 
     Scores are the adversary's, with Wilson 95 % intervals; differences are measured minus published,
     with Newcombe 95 % intervals. "agrees" means that 0 lies in that interval, and no more than that.
     """
-    from apil_core.fidelity import FidelityFile, missing_policy, play_rows
+    from apil_core.fidelity import missing_policy, play_rows
+    from apil_core.fidelity_file import FidelityFile
     from apil_core.fidelity_plan import PlanRequest, plan_rows
     from apil_core.plugins import discover
 
@@ -71,6 +75,7 @@ def fidelity(
         )
     else:
         _print(rows, plan.skipped)
+    return WEIGHTS_MISSING if plan.skipped and not rows else 0
 
 
 def _games(plugins: PluginRegistry, names: list[str] | None) -> list[GameSpec]:
@@ -119,7 +124,8 @@ def _print(rows: list[FidelityRow], skipped: list[SkippedMatchup]) -> None:
             facts = f"mean length {row.result.mean_length:.0f}, {row.result.wall_seconds:.0f} s"
             out.print(f"{row.plan.title}: {endings}; {facts}", markup=False)
     else:
-        out.print("nothing played: no game here names a pairing whose weights are on this machine")
+        why = "their weights are not on this machine" if skipped else "none of the games names a pairing"
+        out.print(f"nothing played: {why}")
     for row in {row.plan.adversary: row for row in rows if row.plan.stands_in_for}.values():
         out.print(f"* {row.plan.adversary} stands in for {row.plan.stands_in_for}", markup=False)
     for matchup in skipped:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
-from apil_core.cli.flags import Json, PairingFlags
+from apil_core.cli.flags import Json, PairingFlags, Quiet
 from apil_core.cli.output import console, print_json, table
+from apil_core.cli.progress import make_progress
 
 if TYPE_CHECKING:
     from apil_core.pairing import PairingOptions
@@ -73,6 +74,7 @@ def play(
     ] = None,
     screen: Screen | None = None,
     as_json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
     """Watch two policies play: in a window, a video or a strip of snapshots.
 
@@ -88,8 +90,11 @@ def play(
     programme = (screen or Screen()).programme(seed=seed, episodes=episodes, until=until)
     programme.check()
     options: PairingOptions = {**(flags or PairingFlags()).options(), "threads": 1}
-    with load_pairing(adversary, num_envs=1, seed=seed, **options) as pairing:
-        result = show(pairing, programme)
+    with (
+        load_pairing(adversary, num_envs=1, seed=seed, **options) as pairing,
+        make_progress(quiet=quiet) as progress,
+    ):
+        result = show(pairing, programme, progress)
     if as_json:
         print_json(result)
     else:

@@ -11,7 +11,8 @@ import pytest
 from apil_core import ConfigError, GameSpec, Matchup, PublishedScore, Section
 from apil_core.difference import difference
 from apil_core.evaluation import EvaluationResult, wilson
-from apil_core.fidelity import FidelityFile, FidelityRow, missing_policy, play_rows, summary
+from apil_core.fidelity import FidelityRow, missing_policy, play_rows, summary
+from apil_core.fidelity_file import FidelityFile
 from apil_core.fidelity_plan import Plan, PlanRequest, RowPlan, plan_rows, switches
 from apil_core.plugins import PluginRegistry, discover
 from apil_core.progress import Progress
@@ -307,3 +308,29 @@ def test_a_damaged_file_and_a_wrong_place_are_refused(tmp_path: Path) -> None:
         FidelityFile(tmp_path)
     with pytest.raises(ConfigError, match="its directory does not exist"):
         FidelityFile(tmp_path / "no" / "rows.jsonl")
+    with pytest.raises(ConfigError, match="cannot be written"):
+        FidelityFile(Path("/proc/rows.jsonl"))
+
+
+def test_two_may_not_write_one_file(plugins: PluginRegistry, plans: list[RowPlan], tmp_path: Path) -> None:
+    path = tmp_path / "rows.jsonl"
+    first, second = FidelityFile(path), FidelityFile(path)
+    with first.alone(), pytest.raises(ConfigError, match="another apil fidelity"):
+        play_rows(plans[:1], plugins=plugins, threads=1, file=second)
+    assert not path.exists()
+    play_rows(plans[:1], plugins=plugins, threads=1, file=first)
+    rows = play_rows(plans[:2], plugins=plugins, threads=1, file=second)  # opened before that row was there
+    assert len(path.read_text().splitlines()) == len(rows) == 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [('"max_steps":50', '"max_steps":49'), ('"sha256":"', '"sha256":"0')], ids=str
+)
+def test_rows_of_other_games_or_players_are_not_taken(
+    plugins: PluginRegistry, plans: list[RowPlan], tmp_path: Path, old: str, new: str
+) -> None:
+    path = tmp_path / "rows.jsonl"
+    play_rows(plans[:1], plugins=plugins, threads=1, file=FidelityFile(path))
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(ConfigError, match="take another --out file"):
+        play_rows(plans[:1], plugins=plugins, threads=1, file=FidelityFile(path))

@@ -1,0 +1,151 @@
+"""Finished rows of ``apil fidelity`` on disk: they are hours of work."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from importlib import metadata
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Any
+
+from filelock import FileLock, Timeout
+from pydantic import ValidationError
+
+from apil_core.config import RunConfig
+from apil_core.config_io import with_game_options
+from apil_core.errors import ConfigError
+from apil_core.fidelity import FidelityRow
+from apil_core.fidelity_plan import RowPlan
+from apil_core.files import write_atomically
+from apil_core.plugins import PluginRegistry
+from apil_core.registry import load_policy
+
+
+class FidelityFile:
+    """One JSON object a line; written anew, and whole, with every row.
+
+    Args:
+        path: created with the first row if it is not there.
+
+    Raises:
+        ConfigError: no file can be written there, or a line is no row.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        _check_writable(path)
+        self.rows = _read(path)
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep other processes from the file, and look at what it holds once more.
+
+        Raises:
+            ConfigError: another one has it.
+        """
+        try:
+            with FileLock(self.path.with_name(f".{self.path.name}.lock"), timeout=0):
+                self.rows = _read(self.path)
+                yield
+        except Timeout as error:
+            raise ConfigError(f"{self.path}: another apil fidelity is writing to it") from error
+
+    def played(
+        self, plans: Iterable[RowPlan], plugins: PluginRegistry
+    ) -> dict[tuple[object, ...], FidelityRow]:
+        """Rows of ``plans`` that are in the file, by identity.
+
+        Raises:
+            ConfigError: one of them was played with something else than what would be played now.
+        """
+        here = {row.plan.identity: row for row in self.rows}
+        found = {}
+        for plan in plans:
+            row = here.get(plan.identity)
+            if row is not None:
+                self._check_same(plan, row, plugins)
+                # what was published may have been corrected since; the games stay what they were
+                found[plan.identity] = row.model_copy(update={"plan": plan})
+        return found
+
+    def add(self, row: FidelityRow) -> None:
+        """Keep one more row.
+
+        Raises:
+            RunDirError: the file cannot be written; what was in it is untouched.
+        """
+        self.rows.append(row)
+        computed = {"win", "win_or_tie"}
+        text = "".join(f"{kept.model_dump_json(exclude=computed)}\n" for kept in self.rows)
+        write_atomically(self.path, lambda file: file.write(text.encode()))
+
+    def _check_same(self, plan: RowPlan, row: FidelityRow, plugins: PluginRegistry) -> None:
+        then, now = _circumstances_then(row), _circumstances_now(plan, plugins)
+        for name, value in then.items():
+            if value != now[name]:
+                raise ConfigError(
+                    f"{self.path} holds {plan.title} with {name} {value}, this call has "
+                    f"{now[name]}: take another --out file, or the same settings"
+                )
+
+
+def read_rows(path: Path) -> list[FidelityRow]:
+    """The rows of a file that ``apil fidelity --out`` wrote.
+
+    Raises:
+        ConfigError: it is not there, or a line is no row.
+    """
+    if not path.is_file():
+        raise ConfigError(f"{path}: no such file")
+    return _read(path)
+
+
+def _circumstances_then(row: FidelityRow) -> dict[str, Any]:
+    result = row.result
+    return {
+        "episodes": result.episodes,
+        "seed": result.seed,
+        "num_envs": result.num_envs,
+        "mujoco": result.versions.get("mujoco"),
+        **{f"game.{name}": value for name, value in result.game_options.items()},
+        "adversary's sha256": result.adversary.sha256,
+        "victim's sha256": result.victim.sha256,
+    }
+
+
+def _circumstances_now(plan: RowPlan, plugins: PluginRegistry) -> dict[str, Any]:
+    options = with_game_options(RunConfig(env=plan.env), plugins, plan.options).game
+    return {
+        "episodes": plan.episodes,
+        "seed": plan.seed,
+        "num_envs": plan.num_envs,
+        "mujoco": metadata.version("mujoco"),
+        **{f"game.{name}": value for name, value in options.items()},
+        "adversary's sha256": load_policy(plan.adversary, plugins=plugins).info.sha256,
+        "victim's sha256": load_policy(plan.victim, plugins=plugins).info.sha256,
+    }
+
+
+def _check_writable(path: Path) -> None:
+    """Hours later, with the first row, would be too late."""
+    if path.is_dir():
+        raise ConfigError(f"{path}: is a directory")
+    if not path.parent.is_dir():
+        raise ConfigError(f"{path}: its directory does not exist")
+    try:
+        with TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def _read(path: Path) -> list[FidelityRow]:
+    rows = []
+    lines = path.read_text("utf-8").splitlines() if path.exists() else []
+    for number, line in enumerate(lines, start=1):
+        try:
+            rows.append(FidelityRow.model_validate_json(line))
+        except ValidationError as error:
+            raise ConfigError(f"{path}:{number}: this line is no row of apil fidelity") from error
+    return rows
