@@ -149,7 +149,7 @@ MISTAKES = {
     (*TOY, "--snapshots", "3", "--checkpoint", "x"): "random is no run: there is no checkpoint to choose",
     ("random", "--snapshots", "3"): "--env GAME",
     ("randon", "--env", "toy-pursuit", "--snapshots", "3"): "neither a run directory nor a policy name",
-    (*TOY, "--snapshots", "1", *SMALL, "--until", "win", "--episodes", "2"): "none of 2 games was a win",
+    (*TOY, "--snapshots", "1", *SMALL, "--until", "win", "--episodes", "2", "--quiet"): "none of 2 games was a win",
 }
 
 
