@@ -5,7 +5,7 @@ VENV ?= .venv
 ZOO ?= ../shared/zoo/agent-zoo
 STEPS ?= 100k
 BIN := $(VENV)/bin
-SOURCES := apil_core envs plugins tests benchmarks docs
+SOURCES := apil_core envs plugins examples tests benchmarks docs
 
 .PHONY: run test test-slow check format clean
 

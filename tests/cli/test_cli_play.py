@@ -21,6 +21,7 @@ from cli.cli_helpers import COIN, Apil
 
 TOY = ("random", "--env", "toy-pursuit")
 SMALL = ("--width", "128", "--height", "96")
+TWO = ("--episodes", "2")
 
 
 def frames(path: Path) -> list[np.ndarray]:
@@ -149,7 +150,7 @@ MISTAKES = {
     (*TOY, "--snapshots", "3", "--checkpoint", "x"): "random is no run: there is no checkpoint to choose",
     ("random", "--snapshots", "3"): "--env GAME",
     ("randon", "--env", "toy-pursuit", "--snapshots", "3"): "neither a run directory nor a policy name",
-    (*TOY, "--snapshots", "1", *SMALL, "--until", "win", "--episodes", "2", "--quiet"): "none of 2 games was a win",
+    (*TOY, "--snapshots", "1", *SMALL, "--until", "win", "--quiet", *TWO): "none of 2 games was a win",
 }
 
 
