@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from importlib import metadata
 from typing import Any
 
 from pydantic import BaseModel
 
 from apil_core.blinding import BlindMode, make_blinding
-from apil_core.config import ActionMode
+from apil_core.circumstances import Circumstances, circumstances
 from apil_core.game import Game
 from apil_core.pairing import Pairing
 from apil_core.play import Tally, play
 from apil_core.progress import Progress
 from apil_core.seeds import stream_seed
-
-_PACKAGES = ("apil", "mujoco", "torch", "numpy")
 
 MAX_PARALLEL_GAMES = 128
 """Slots of an evaluation unless asked otherwise. Fixed, so that a seed gives the same games anywhere."""
@@ -31,17 +28,9 @@ class Rate(BaseModel):
     high: float
 
 
-class PolicyId(BaseModel):
-    """Who played."""
-
-    name: str
-    sha256: str
-
-
-class EvaluationResult(BaseModel):
+class EvaluationResult(Circumstances):
     """A score and all it depends on. ``wins`` and the like are the adversary's."""
 
-    env: str
     episodes: int
     wins: int
     ties: int
@@ -52,19 +41,8 @@ class EvaluationResult(BaseModel):
     win_or_tie_rate: Rate
     causes: dict[str, int]
     mean_length: float
-    adversary: PolicyId
-    victim: PolicyId
-    adversary_side: str
-    victim_side: str
-    adversary_actions: ActionMode
-    victim_actions: ActionMode
-    seed: int
-    num_envs: int
     blind: BlindMode | None = None
     blind_imitator: bool = False
-    trained_steps: int | None = None
-    game_options: dict[str, Any]
-    versions: dict[str, str]
     wall_seconds: float
 
 
@@ -106,31 +84,11 @@ def score(
     tally = play(pairing.game, players, episodes, lambda ended: progress.evaluation_progress(ended, episodes))
     return EvaluationResult(
         **_counts(tally, pairing.game, pairing.side),
-        **_circumstances(pairing),
-        seed=seed,
+        **circumstances(pairing, seed),
         blind=blind,
         blind_imitator=blind_imitator,
         wall_seconds=time.perf_counter() - begin,
     )
-
-
-def _circumstances(pairing: Pairing) -> dict[str, Any]:
-    """What a score depends on, apart from the games played."""
-    config, sides = pairing.config, pairing.game.layout.sides
-    adversary, victim = pairing.adversary.info, pairing.victim.info
-    return {
-        "env": config.env,
-        "adversary": PolicyId(name=adversary.name, sha256=adversary.sha256),
-        "victim": PolicyId(name=victim.name, sha256=victim.sha256),
-        "adversary_side": sides[pairing.side].name,
-        "victim_side": sides[1 - pairing.side].name,
-        "adversary_actions": config.evaluation.adversary_actions,
-        "victim_actions": config.evaluation.victim_actions,
-        "num_envs": pairing.game.num_envs,
-        "trained_steps": pairing.steps,
-        "game_options": config.game,
-        "versions": {name: metadata.version(name) for name in (*_PACKAGES, *pairing.game.packages)},
-    }
 
 
 def _counts(tally: Tally, game: Game, adversary_side: int) -> dict[str, Any]:

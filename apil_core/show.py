@@ -5,15 +5,11 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-from pydantic import BaseModel
 
 from apil_core.audience import Audience, Camera, FilmAudience, StripAudience, WindowAudience, WindowClosed
 from apil_core.caption import Cast, Score
-from apil_core.config import ActionMode
+from apil_core.circumstances import Circumstances, circumstances
 from apil_core.errors import ApilError, ConfigError
-from apil_core.evaluation import PolicyId
 from apil_core.film import check_film
 from apil_core.pairing import Pairing
 from apil_core.progress import Progress
@@ -93,18 +89,9 @@ class Programme:
             _check_free(self.strip)
 
 
-class PlayResult(BaseModel):
+class PlayResult(Circumstances):
     """Who played, and how the games went. ``wins`` and the like are the adversary's."""
 
-    env: str
-    adversary: PolicyId
-    victim: PolicyId
-    adversary_side: str
-    victim_side: str
-    adversary_actions: ActionMode
-    victim_actions: ActionMode
-    seed: int
-    game_options: dict[str, Any]
     wins: int
     ties: int
     losses: int
@@ -206,18 +193,8 @@ def _audiences(pairing: Pairing, programme: Programme, cast: Cast) -> list[Audie
 
 
 def _result(pairing: Pairing, programme: Programme, score: Score, games: list[PlayedGame]) -> PlayResult:
-    sides, modes = pairing.game.layout.sides, pairing.config.evaluation
-    adversary, victim = pairing.adversary.info, pairing.victim.info
     return PlayResult(
-        env=pairing.config.env,
-        adversary=PolicyId(name=adversary.name, sha256=adversary.sha256),
-        victim=PolicyId(name=victim.name, sha256=victim.sha256),
-        adversary_side=sides[pairing.side].name,
-        victim_side=sides[1 - pairing.side].name,
-        adversary_actions=modes.adversary_actions,
-        victim_actions=modes.victim_actions,
-        seed=programme.seed,
-        game_options=pairing.config.game,
+        **circumstances(pairing, programme.seed),
         wins=score.win,
         ties=score.tie,
         losses=score.loss,

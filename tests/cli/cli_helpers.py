@@ -6,6 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+VERBS = (
+    *("run", "resume", "eval", "play", "fidelity", "runs"),
+    *("config", "victims", "methods", "games", "plugins"),
+)
+
 COIN = Path(__file__).with_name("coin_game.py")
 
 TINY = ("--env", "coin", "--plugin", str(COIN), "--num-envs", "8", "--steps", "256", "--threads", "1")

@@ -10,7 +10,7 @@ import pytest
 
 from apil_core import __version__
 from apil_core.config import RunConfig
-from cli.cli_helpers import COIN, Apil
+from cli.cli_helpers import COIN, VERBS, Apil
 
 FLAGS = """
 method env victim steps num-envs threads seed preset config set plugin out device quiet json seeds init-from
@@ -65,19 +65,7 @@ def test_help_answers_within_half_a_second() -> None:
 
 def test_help_lists_every_verb(apil: Apil) -> None:
     text = apil("--help").out
-    for verb in (
-        "run",
-        "resume",
-        "eval",
-        "play",
-        "fidelity",
-        "runs",
-        "config",
-        "victims",
-        "methods",
-        "games",
-        "plugins",
-    ):
+    for verb in VERBS:
         assert f"│ {verb} " in text
 
 

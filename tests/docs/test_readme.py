@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from cli.cli_helpers import VERBS
 
 from apil_core.cli.app import make_app
 from docs.conftest import Apil
@@ -141,19 +142,7 @@ def test_every_command_exists_and_has_the_flags_shown(apil: Apil, page: Path) ->
 
 def test_the_readme_names_every_verb(apil: Apil) -> None:
     named = {words[0] for words in commands(README)}
-    for verb in (
-        "run",
-        "resume",
-        "eval",
-        "play",
-        "fidelity",
-        "runs",
-        "config",
-        "victims",
-        "methods",
-        "games",
-        "plugins",
-    ):
+    for verb in VERBS:
         assert verb in named
 
 
