@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import Any
 
 from filelock import FileLock, Timeout
@@ -17,7 +16,7 @@ from apil_core.config_io import with_game_options
 from apil_core.errors import ConfigError
 from apil_core.fidelity import FidelityRow
 from apil_core.fidelity_plan import RowPlan
-from apil_core.files import write_atomically
+from apil_core.files import why_unwritable, write_atomically
 from apil_core.plugins import PluginRegistry
 from apil_core.registry import load_policy
 
@@ -133,11 +132,8 @@ def _check_writable(path: Path) -> None:
         raise ConfigError(f"{path}: is a directory")
     if not path.parent.is_dir():
         raise ConfigError(f"{path}: its directory does not exist")
-    try:
-        with TemporaryFile(dir=path.parent):
-            pass
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
+    if (reason := why_unwritable(path.parent)) is not None:
+        raise ConfigError(f"{path}: cannot be written: {reason}")
 
 
 def _read(path: Path) -> list[FidelityRow]:

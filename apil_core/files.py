@@ -6,6 +6,7 @@ import hashlib
 import os
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import BinaryIO
 
 from apil_core.errors import RunDirError
@@ -34,6 +35,15 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
         if not isinstance(error, (OSError, RuntimeError)):  # torch.save reports a full disk as RuntimeError
             raise
         raise RunDirError(f"cannot write {path}: {error}; what was there before is untouched") from error
+
+
+def why_unwritable(directory: Path) -> str | None:
+    """Why no file can be made there, or ``None`` if one can; tried, since permissions do not bind root."""
+    try:
+        with TemporaryFile(dir=directory):
+            return None
+    except OSError as error:
+        return error.strerror or type(error).__name__
 
 
 def sha256(path: Path) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from apil_core.audience import Audience, Camera, FilmAudience, StripAudience, Wi
 from apil_core.caption import Cast, Score
 from apil_core.circumstances import Circumstances, circumstances
 from apil_core.errors import ApilError, ConfigError
+from apil_core.files import why_unwritable
 from apil_core.film import check_film
 from apil_core.pairing import Pairing
 from apil_core.progress import Progress
@@ -209,5 +209,5 @@ def _check_free(path: Path) -> None:
         raise ConfigError(f"{path} exists already; nothing is overwritten")
     if not path.parent.is_dir():
         raise ConfigError(f"{path}: there is no directory {path.parent}")
-    if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise ConfigError(f"{path}: {path.parent} cannot be written to")
+    if (reason := why_unwritable(path.parent)) is not None:
+        raise ConfigError(f"{path}: {path.parent} cannot be written to: {reason}")
