@@ -10,6 +10,7 @@ import torch
 
 from apil_core.adversary import AdversaryPolicy, ObservationBuilder
 from apil_core.config import RunConfig
+from apil_core.default_victim import default_victim
 from apil_core.errors import ConfigError, PluginError
 from apil_core.game import Game
 from apil_core.game_env import AttackEnv
@@ -62,10 +63,10 @@ def victim_name(config: RunConfig, plugins: PluginRegistry) -> str:
     """The victim's full name, ``auto`` resolved to the game's default."""
     if config.victim != "auto":
         return config.victim
-    default = game_spec(config.env, plugins).default_victim
-    if not default:
+    spec = game_spec(config.env, plugins)
+    if not spec.default_victim:
         raise ConfigError(f"game {config.env!r} has no default victim; name one with --victim")
-    return default
+    return default_victim(spec, plugins)
 
 
 def victim_side(config: RunConfig, plugins: PluginRegistry) -> int:

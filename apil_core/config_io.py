@@ -19,6 +19,7 @@ from apil_core.config_errors import Problem, problems_of, raise_problems, unknow
 from apil_core.config_layers import Key, Layer, file_layer, flag_layer, merge, preset_layer, set_layer
 from apil_core.config_models import NoOptions, full_model, options_model
 from apil_core.config_yaml import dump_yaml as dump_yaml
+from apil_core.default_victim import default_victim
 from apil_core.errors import ConfigError, suggest
 from apil_core.plugins import PluginRegistry, names
 from apil_core.specs import GameSpec
@@ -99,7 +100,7 @@ def resolve_layers(layers: Sequence[Layer], plugins: PluginRegistry) -> RunConfi
     except ValidationError as error:
         problems += problems_of(error, model)
     raise_problems(problems, origins)
-    return _complete(validated, plugins.game(validated.env))
+    return _complete(validated, plugins.game(validated.env), plugins)
 
 
 def complete(config: RunConfig, plugins: PluginRegistry) -> RunConfig:
@@ -257,7 +258,7 @@ def _without_keys(data: Mapping[str, Any], problems: Sequence[Problem]) -> dict[
     return {**data, "options": {name: s for name, s in data["options"].items() if name not in wrong}}
 
 
-def _complete(config: RunConfig, game: GameSpec) -> RunConfig:
+def _complete(config: RunConfig, game: GameSpec, plugins: PluginRegistry) -> RunConfig:
     """Plain ``RunConfig`` in which "the game's own" is spelt out."""
     data = config.model_dump(mode="json")
     own = game.rewards
@@ -271,7 +272,7 @@ def _complete(config: RunConfig, game: GameSpec) -> RunConfig:
     if data["victim_side"] is None:
         data["victim_side"] = game.victim_side
     if data["victim"] == "auto" and data["victim_side"] == game.victim_side and game.default_victim:
-        data["victim"] = game.default_victim
+        data["victim"] = default_victim(game, plugins)
     try:
         return RunConfig.model_validate(data)
     except ValidationError as error:  # a game's spec with impossible weights

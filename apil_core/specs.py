@@ -100,12 +100,14 @@ class GameSpec:
         sides: names of side 0 and side 1.
         victim_side: index of the side that is attacked by default.
         default_victim: policy name used when none is given, e.g. ``"zoo:kick-and-defend/kicker/v1"``.
+        fallback_victim: used instead where that one's weights are not on this machine, or ``""``.
         baseline_adversary: policy name of the agent the adversary is compared with, or ``None``.
         rewards: default weights of the training reward.
         config: ``"module:Model"``, the pydantic model of the game's options, or ``None``.
         family: ``name`` is a scheme: every ``<name>:<target>`` is a game, with this spec and that target.
         target: handed to the factory as ``target=`` if not empty: which of a family this game is.
         matchups: what ``apil fidelity`` plays.
+        interchangeable_sides: both sides see and do the same, so that one agent can sit on either.
     """
 
     name: str
@@ -114,12 +116,14 @@ class GameSpec:
     sides: tuple[str, str] = ("player_0", "player_1")
     victim_side: int = 0
     default_victim: str = ""
+    fallback_victim: str = ""
     baseline_adversary: str | None = None
     rewards: RewardWeights = RewardWeights()
     config: str | None = None
     family: bool = False
     target: str = ""
     matchups: tuple[Matchup, ...] = ()
+    interchangeable_sides: bool = False
 
     @property
     def label(self) -> str:

@@ -199,11 +199,13 @@ class OpponentInsideEnv(gymnasium.Env[Array, Array]):
         self._torch = torch
         self._game = _single_game(game, options)
         if isinstance(game, str):
-            from apil_core.registry import game_spec
+            from apil_core.default_victim import default_victim
+            from apil_core.registry import default_plugins
 
-            spec = game_spec(game)
+            plugins = default_plugins()
+            spec = plugins.game(game)
             side = 1 - spec.victim_side if side is None else side
-            opponent = opponent or spec.default_victim or None
+            opponent = opponent or default_victim(spec, plugins) or None
         self._side = 1 if side is None else side
         self._opponent = self._load(opponent)
         self._sample = sample

@@ -22,6 +22,7 @@ _VERBS = (
         _WORK,
         "Compare the games with their originals: measured beside published scores.",
     ),
+    ("distill", "distill:distill", _WORK, "Train a compact student of a policy, to ship or to attack."),
     ("runs", "runs:app", _WORK, "List runs, compare their scores."),
     ("config", "config:app", _WORK, "Show, validate, describe and compare configurations."),
     ("victims", "victims:app", _WORK, "List, import and download victim weights."),

@@ -15,8 +15,9 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from apil_core.victims.memory import State
+
 Weights = Mapping[str, NDArray[np.float32]]
-State = dict[str, Tensor]
 
 _MOMENTS = ("sum", "sumsq", "count")
 

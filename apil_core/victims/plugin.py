@@ -8,13 +8,19 @@ from apil_core.specs import PolicySpec
 
 @hookimpl
 def register_policies() -> list[PolicySpec]:
-    """Offer ``zoo:<game>/<side>/<version>`` and ``baseline:<kind>/<observations>x<actions>``."""
+    """Offer ``zoo:`` and ``embedded:<game>/<side>/<version>``, and ``baseline:<kind>/<observations>x<actions>``."""
     return [
         PolicySpec(
             scheme="zoo",
             loader="apil_core.victims.store:load",
             lister="apil_core.victims.store:list_zoo",
             summary="pretrained agents of Bansal et al. 2018, converted on this machine",
+        ),
+        PolicySpec(
+            scheme="embedded",
+            loader="apil_core.victims.embedded:load",
+            lister="apil_core.victims.embedded:list_embedded",
+            summary="students of those, distilled by us and shipped with APIL",
         ),
         PolicySpec(
             scheme="baseline",

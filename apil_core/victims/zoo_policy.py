@@ -9,7 +9,8 @@ from torch import Tensor
 
 from apil_core.policy import Policy, PolicyInfo
 from apil_core.types import Decision, DiagonalGaussian, View
-from apil_core.victims.networks import Filter, Output, State, Weights, make_network
+from apil_core.victims.memory import Memory
+from apil_core.victims.networks import Filter, Output, Weights, make_network
 
 _CLIP = 5.0
 _Net = Literal["actor", "critic"]
@@ -35,7 +36,7 @@ class ZooPolicy(Policy):
         self._observations = Filter(weights, "observation_filter")
         self._returns = Filter(weights, "return_filter")
         self._std = self.logstd.exp()
-        self._state: dict[_Net, State] = {"actor": {}, "critic": {}}
+        self._memories: dict[_Net, Memory] = {"actor": Memory(info.name), "critic": Memory(info.name)}
 
     # no_grad rather than inference_mode, whose tensors could not enter a loss (measured: no slower)
     @torch.no_grad()
@@ -71,24 +72,11 @@ class ZooPolicy(Policy):
 
     def _advance(self, net: _Net, view: View) -> Output:
         network = self.actor if net == "actor" else self.critic
-        state = self._begin(net, view.first) if network.recurrent else {}
+        memory = self._memories[net]
+        state = memory.begin(view.first, network.initial_state) if network.recurrent else {}
         output = network(self.filter(view.own), state)
-        self._state[net] = output.state
+        memory.rows = output.state
         return output
-
-    def _begin(self, net: _Net, first: Tensor) -> State:
-        """The state to step from: zeros where a game starts. Old tensors are never written into."""
-        state = self._state[net]
-        if state and len(state["h"]) == len(first):
-            fresh = first.unsqueeze(1)
-            return {key: rows.masked_fill(fresh, 0) for key, rows in state.items()} if first.any() else state
-        if not first.all():
-            before = len(state["h"]) if state else 0
-            raise ValueError(
-                f"{self.info.name}: {len(first)} games after {before}, and not all of them are new"
-            )
-        network = self.actor if net == "actor" else self.critic
-        return network.initial_state(len(first))
 
     def to(self, device: torch.device | str) -> ZooPolicy:
         """Move weights and state to ``device``; returns self."""
@@ -100,11 +88,16 @@ class ZooPolicy(Policy):
 
     def recurrent_state(self) -> dict[str, Tensor]:
         """``actor.h`` and ``actor.c``, each (n, 128), and the critic's if it was asked; else nothing."""
-        return {f"{net}.{key}": rows for net, state in self._state.items() for key, rows in state.items()}
+        return {
+            f"{net}.{key}": rows
+            for net, memory in self._memories.items()
+            for key, rows in memory.rows.items()
+        }
 
     def load_recurrent_state(self, state: dict[str, Tensor]) -> None:
         """Restore what :meth:`recurrent_state` gave; an empty one forgets all games."""
-        self._state = {"actor": {}, "critic": {}}
+        for memory in self._memories.values():
+            memory.rows = {}
         for name, rows in state.items():
             net, _, key = name.partition(".")
-            self._state[net][key] = rows.to(self._std.device, copy=True)  # type: ignore[index]
+            self._memories[net].rows[key] = rows.to(self._std.device, copy=True)  # type: ignore[index]

@@ -1,0 +1,179 @@
+"""``apil distill``."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Group, Parameter
+
+from apil_core.cli.flags import Json, Plugins, Quiet, count
+from apil_core.cli.output import console, print_json, table
+from apil_core.cli.progress import make_progress
+from apil_core.cli.readout import percent
+from apil_core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from apil_core.difference import Difference
+    from apil_core.distillation.options import DistillConfig
+    from apil_core.distillation.report import Report
+    from apil_core.distillation.trainer import Entry
+    from apil_core.progress import Progress
+
+_WHO = Group("Who learns from whom", sort_key=0)
+_HOW = Group("How", sort_key=1)
+
+
+@Parameter(name="*")
+@dataclass
+class DistillFlags:
+    """The settings of a distillation; what is not given has the default of :class:`DistillConfig`."""
+
+    env: Annotated[str | None, Parameter(alias="-e", group=_WHO, help="Game.")] = None
+    role: Annotated[str | None, Parameter(group=_WHO, help="Side the student is to play, e.g. kicker.")] = (
+        None
+    )
+    teacher: Annotated[
+        str | None, Parameter(group=_WHO, help="Policy to imitate [default: the game's agent for this side].")
+    ] = None
+    opponent: Annotated[
+        str | None,
+        Parameter(group=_WHO, help="Whom it plays [default: the game's agent for the other side]."),
+    ] = None
+    network: Annotated[
+        Literal["mlp", "gru", "lstm"] | None,
+        Parameter(group=_HOW, help="Student's network [default: gru for a recurrent teacher, else mlp]."),
+    ] = None
+    width: Annotated[
+        int | None, Parameter(group=_HOW, help="Units of the recurrent layer [default: 128].")
+    ] = None
+    steps: Annotated[
+        int | None,
+        Parameter(
+            converter=count,
+            group=_HOW,
+            help="Game steps to play and label, rounded up to whole blocks [default: 400000].",
+        ),
+    ] = None
+    num_envs: Annotated[int | None, Parameter(group=_HOW, help="Games together [default: 128].")] = None
+    episodes: Annotated[
+        int | None, Parameter(group=_HOW, help="Games of each final score; 0: none [default: 1000].")
+    ] = None
+    seed: Annotated[int | None, Parameter(group=_HOW, help="Seed of everything random [default: 0].")] = None
+    threads: Annotated[
+        int | None, Parameter(group=_HOW, help="Physics threads; never changes results [default: all CPUs].")
+    ] = None
+    device: Annotated[str | None, Parameter(group=_HOW, help="Of the networks [default: cpu].")] = None
+    sets: Annotated[
+        list[str],
+        Parameter(
+            name="--set",
+            show_default=False,
+            metavar="KEY=VALUE",
+            group=_HOW,
+            help="Any other setting, e.g. final_passes=40 or game.max_steps=100; repeatable.",
+        ),
+    ] = field(default_factory=list)
+
+    def given(self) -> dict[str, Any]:
+        """The flags that were given, as keys of :class:`DistillConfig`."""
+        names = ("env", "role", "teacher", "opponent", "network", "width", "steps")
+        values = {
+            name: getattr(self, name)
+            for name in (*names, "num_envs", "episodes", "seed", "threads", "device")
+        }
+        return {name: value for name, value in values.items() if value is not None}
+
+
+def distill(
+    *,
+    flags: DistillFlags | None = None,
+    out: Annotated[
+        Path | None, Parameter(help="Directory for everything [default: runs/ENV/distill/ROLE-sSEED].")
+    ] = None,
+    resume: Annotated[
+        Path | None, Parameter(help="Go on with the distillation in this directory; takes no other setting.")
+    ] = None,
+    plugin: Plugins | None = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Train a compact student of a policy: it acts, its teacher says what it would have done (DAgger).
+
+    The student learns the teacher's mean action and copies its standard deviation. It is left in
+    DIR/student.safetensors; use it as safetensors:DIR/student.safetensors. Interrupted, it goes on
+    with --resume DIR.
+    """
+    from apil_core.distillation.distill import distill as start
+    from apil_core.distillation.distill import resume_distillation
+    from apil_core.plugins import discover
+
+    flags = flags or DistillFlags()
+    registry = discover(plugin or [])
+    with make_progress(quiet=quiet) as progress:
+        tell = _teller(progress)
+        if resume is not None:
+            if flags != DistillFlags() or out is not None:
+                raise ConfigError("--resume takes its settings from the directory; leave out the others")
+            report = resume_distillation(resume, progress=progress, on_stage=tell, plugins=registry)
+            where = resume
+        else:
+            config = _config(flags)
+            where = out or Path("runs") / config.env / "distill" / f"{config.role}-s{config.seed}"
+            command = ["apil", *sys.argv[1:]]
+            report = start(
+                config, out=where, progress=progress, on_stage=tell, command=command, plugins=registry
+            )
+    if as_json:
+        print_json(report)
+    else:
+        _print_report(report, where)
+
+
+def _config(flags: DistillFlags) -> DistillConfig:
+    from apil_core.distillation.settings import settings
+
+    if flags.env is None or flags.role is None:
+        raise ConfigError("say what to distill: --env GAME --role SIDE (or --resume DIR)")
+    return settings(flags.given(), flags.sets)
+
+
+def _teller(progress: Progress) -> Any:
+    def tell(entry: Entry, stages: int) -> None:
+        fresh = "" if entry.fresh_error is None else f", on its own states {entry.fresh_error**0.5:.3f}"
+        progress.note(
+            f"stage {entry.stage} of {stages}: {entry.steps:,} steps, "
+            f"error {entry.error**0.5:.3f} of the teacher's σ{fresh}"
+        )
+
+    return tell
+
+
+def _print_report(report: Report, where: Path) -> None:
+    out = console()
+    out.print(f"{report.teacher} → {where / 'student.safetensors'}", style="bold", markup=False)
+    rows = table("student's action error", "rms, σ>", "best constant>", "KL, nats per step>")
+    for name, error in (
+        ("against the opponent", report.action_error),
+        ("against it, perturbed", report.perturbed_action_error),
+    ):
+        figures = (error.rms_sigma, error.constant_rms_sigma, error.kl_nats)
+        rows.add_row(name, *(f"{figure:.3f}" for figure in figures))
+    out.print(rows)
+    if report.student_score is None or report.teacher_score is None:
+        return
+    scores = table(f"against {report.opponent}", "games>", "win>", "tie>", "loss>", "win or tie>")
+    for who, score in (("student", report.student_score), ("teacher", report.teacher_score)):
+        rates = (score.win_rate, score.tie_rate, score.loss_rate, score.win_or_tie_rate)
+        scores.add_row(who, str(score.episodes), *(percent(rate) for rate in rates))
+    out.print(scores)
+    for name, gap in (("win", report.win_difference), ("win or tie", report.win_or_tie_difference)):
+        if gap is not None:
+            out.print(f"student minus teacher, {name}: {_points(gap)}", markup=False)
+
+
+def _points(gap: Difference) -> str:
+    noise = ", within noise" if gap.within_noise else ""
+    return f"{100 * gap.value:+.1f} points [{100 * gap.low:+.1f}, {100 * gap.high:+.1f}]{noise}"

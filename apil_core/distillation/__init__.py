@@ -1,0 +1,1 @@
+"""Compact students of agents whose weights may not be shipped (``apil distill``)."""

@@ -1,0 +1,204 @@
+"""Distilling a student, from the settings to the report; stopped at any moment, it goes on from there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from apil_core.distillation.learner import block_tensors
+from apil_core.distillation.options import DistillConfig
+from apil_core.distillation.report import Report, make_report, score_of
+from apil_core.distillation.setting import Setting, named, prepare
+from apil_core.distillation.trainer import Entry, Standard
+from apil_core.distillation.workspace import Workspace
+from apil_core.evaluation import MAX_PARALLEL_GAMES, EvaluationResult
+from apil_core.plugins import PluginRegistry
+from apil_core.progress import Progress
+from apil_core.registry import default_plugins, make_game
+from apil_core.rundir import environment
+from apil_core.torch_threads import one_torch_thread
+from apil_core.victims.student import load_file, save_file, weights_sha256
+from apil_core.victims.student_policy import StudentPolicy
+
+OnStage = Callable[[Entry, int], None]
+
+
+def distill(
+    config: DistillConfig,
+    *,
+    out: Path,
+    progress: Progress | None = None,
+    on_stage: OnStage | None = None,
+    command: Sequence[str] = (),
+    plugins: PluginRegistry | None = None,
+) -> Report:
+    """Train a compact student of a policy and score both against the same opponent.
+
+    Args:
+        config: see :class:`DistillConfig`.
+        out: directory for everything; must not exist or be empty.
+        progress: told of the games scored.
+        on_stage: called after each stage with its log entry and the number of stages.
+        command: stored for people who ask where a student came from.
+        plugins: registry to use; default: the installed ones.
+
+    Raises:
+        ApilError: anything wrong in settings, weights or directory, before anything is played.
+    """
+    registry = plugins or default_plugins()
+    setting = prepare(named(config, registry), registry)
+    try:
+        space = Workspace.create(out, setting.config, command)
+        with space.lock():
+            return _go(setting, space, progress or Progress(), on_stage, registry)
+    finally:
+        setting.close()
+
+
+def resume_distillation(
+    directory: Path | str,
+    *,
+    progress: Progress | None = None,
+    on_stage: OnStage | None = None,
+    plugins: PluginRegistry | None = None,
+) -> Report:
+    """Go on with a distillation exactly where its last whole stage ended.
+
+    Raises:
+        RunDirError: no distillation there, or one that cannot be continued.
+    """
+    space = Workspace(directory)
+    config = space.settings()
+    with space.lock():
+        finished = space.report()
+        if finished is not None:
+            return Report.model_validate(finished)
+        registry = plugins or default_plugins()
+        setting = prepare(config, registry)
+        try:
+            _restore(setting, space)
+            return _go(setting, space, progress or Progress(), on_stage, registry)
+        finally:
+            setting.close()
+
+
+def _go(
+    setting: Setting,
+    space: Workspace,
+    progress: Progress,
+    on_stage: OnStage | None,
+    plugins: PluginRegistry,
+) -> Report:
+    course = setting.course
+    with one_torch_thread():
+        while course.done < course.stages:
+            entry = course.advance()
+            _keep(setting, space)
+            if on_stage is not None:
+                on_stage(entry, course.stages)
+        student = _student(setting, space, {})
+        scores = _scores(setting, student, progress, plugins)
+        report = make_report(setting, student, scores)
+    _student(setting, space, _told(report))
+    space.write_report(report.model_dump(mode="json"))
+    space.drop_blocks()
+    return report
+
+
+def _keep(setting: Setting, space: Workspace) -> None:
+    """Write what the stage added: a block if it played one, then the state that counts it."""
+    course = setting.course
+    newest = len(course.blocks) - 1
+    if not space.block_path(newest).is_file() or course.done == len(course.blocks):
+        space.save_block(newest, block_tensors(course.blocks[newest]))
+    assert course.standard is not None
+    space.save_state(
+        {
+            "log": [asdict(entry) for entry in course.log],
+            "standard": asdict(course.standard),
+            "learner": course.learner.state_dict(),
+        }
+    )
+
+
+def _restore(setting: Setting, space: Workspace) -> None:
+    state = space.state()
+    if state is None:
+        return
+    course = setting.course
+    course.log = [Entry(**entry) for entry in state["log"]]
+    device = course.log_std.device
+    kept = state["standard"]
+    course.standard = Standard(kept["mean"].to(device), kept["std"].to(device), kept["clip"])
+    course.learner.load_state_dict(state["learner"])
+    for number in range(min(course.done, course.rounds)):
+        block = course.learner.new_block()
+        kept_tensors = space.load_block(number)
+        for name, tensor in block_tensors(block).items():
+            tensor.copy_(kept_tensors[name])
+        course.blocks.append(block)
+
+
+def _student(setting: Setting, space: Workspace, more: dict[str, Any]) -> StudentPolicy:
+    """Write the student's file and read it back: what is scored is what is kept."""
+    weights = setting.course.weights()
+    made = environment(())
+    config, teacher = setting.config, setting.teacher.info
+    provenance = {
+        "teacher": teacher.name,
+        "teacher_sha256": teacher.sha256,
+        "opponent": setting.opponent.info.name,
+        "env": config.env,
+        "role": config.role,
+        "steps": setting.course.steps,
+        "network": f"{config.network} {config.width if config.network != 'mlp' else ''}".strip(),
+        "seed": config.seed,
+        "code": f"apil {made['versions']['apil']}, git {made['git'] or 'unknown'}",
+        "time": made["time"],
+        **more,
+    }
+    save_file(space.student_path, setting.course.shape, weights, provenance)
+    name = f"student:{weights_sha256(weights)[:12]} of {teacher.name}"
+    student = load_file(space.student_path, name)
+    return student.to(torch.device(config.device))
+
+
+def _scores(
+    setting: Setting, student: StudentPolicy, progress: Progress, plugins: PluginRegistry
+) -> dict[str, EvaluationResult]:
+    """Both scored on the same games, with as many in parallel as ``apil eval`` has."""
+    config = setting.config
+    if not config.episodes:
+        return {}
+    game = make_game(
+        config.env,
+        num_envs=min(config.episodes, MAX_PARALLEL_GAMES),
+        threads=config.threads,
+        options=config.game,
+        plugins=plugins,
+    )
+    try:
+        return {
+            "student_score": score_of(student, setting, game, progress),
+            "teacher_score": score_of(setting.teacher, setting, game, progress),
+        }
+    finally:
+        game.close()
+
+
+def _told(report: Report) -> dict[str, str]:
+    """The report's figures as the file's provenance has them."""
+    error = report.action_error
+    told = {"action_error": f"rms {error.rms_sigma:.3f} sigma, {error.kl_nats:.3f} nats per step"}
+    for who in ("student", "teacher"):
+        result: EvaluationResult | None = getattr(report, f"{who}_score")
+        if result is not None:
+            told[f"{who}_score"] = (
+                f"win {result.wins}, tie {result.ties}, loss {result.losses} of {result.episodes} games "
+                f"against {report.opponent}, actions sampled"
+            )
+    return told

@@ -1,0 +1,63 @@
+"""What a distillation depends on: pure data."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from apil_core.config import Section
+
+
+class DistillConfig(Section):
+    """Everything that decides a student. Equal settings on one machine give equal weights."""
+
+    env: str
+    """Game; `apil games` lists them."""
+    role: str
+    """Side the student is to play, e.g. kicker."""
+    teacher: str = "auto"
+    """Policy to imitate; auto: the agent the game names for this side."""
+    opponent: str = "auto"
+    """Whom it plays meanwhile, and in the report; auto: the agent the game names for the other side."""
+    network: Literal["auto", "mlp", "gru", "lstm"] = "auto"
+    """Student's network; auto: gru for a recurrent teacher, else mlp."""
+    width: Annotated[int, Field(gt=0)] = 128
+    """Units of the recurrent layer."""
+    hidden: tuple[Annotated[int, Field(gt=0)], ...] | None = None
+    """ELU layers before the output; null: 64 above a recurrent layer, else 256 and 128."""
+    steps: Annotated[int, Field(gt=0)] = 500_000
+    """Game steps to play and label, rounded up to whole blocks, at least two. In the first block the teacher
+    acts, afterwards mostly the student (DAgger)."""
+    block_steps: Annotated[int, Field(gt=0)] | None = None
+    """Steps of each game per block; null: the game's step limit, at most 512. Each block begins new games."""
+    num_envs: Annotated[int, Field(gt=0)] = 128
+    """Games stepped together."""
+    minibatch_envs: Annotated[int, Field(gt=0)] = 32
+    """Games behind each gradient."""
+    passes_per_block: Annotated[int, Field(gt=0)] = 3
+    """Passes over each new block, each after one over an earlier block drawn at random."""
+    final_passes: Annotated[int, Field(ge=0)] = 6
+    """Passes over all blocks at the end, while the learning rate falls to zero."""
+    learning_rate: Annotated[float, Field(gt=0)] = 1e-3
+    """Adam's step size before the final passes."""
+    gradient_length: Annotated[int, Field(gt=0)] | None = None
+    """Steps behind each gradient, and of backpropagation through time; null: 16 if recurrent, else 4."""
+    max_grad_norm: Annotated[float, Field(gt=0)] = 1.0
+    """Gradient clip per step of gradient_length."""
+    observation_clip: Annotated[float, Field(gt=0)] = 5.0
+    """Clip of the standardised observation."""
+    both_seats: bool | None = None
+    """Play both sides in turn; null: where the game's sides can be exchanged."""
+    episodes: Annotated[int, Field(ge=0)] = 1000
+    """Games of the final scores of student and of teacher; 0: none."""
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    """Seed of everything random."""
+    threads: Annotated[int, Field(ge=0)] = 0
+    """Physics threads; 0: all CPUs. Never changes results."""
+    device: str = "cpu"
+    """Where the networks live: cpu, cuda or cuda:N."""
+    game: dict[str, Any] = Field(default_factory=dict)
+    """Options of the game, checked by the game's own model."""
+    practice: dict[str, Any] = Field(default_factory=dict)
+    """Options of the game that differ in three of four blocks, e.g. cheaper physics; scores never use them."""

@@ -1,0 +1,188 @@
+"""From settings to a game, a teacher, an opponent and the course between them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from apil_core.build import check_device, load_victim
+from apil_core.default_victim import is_here
+from apil_core.distillation.collector import Collector
+from apil_core.distillation.learner import StudentLearner
+from apil_core.distillation.options import DistillConfig
+from apil_core.distillation.trainer import Course
+from apil_core.errors import ConfigError, VictimError
+from apil_core.game import Game, SideLayout
+from apil_core.plugins import PluginRegistry
+from apil_core.policy import Policy
+from apil_core.registry import make_game
+from apil_core.specs import GameSpec
+from apil_core.types import View
+from apil_core.victims.student_policy import StudentShape
+
+_LONGEST_BLOCK = 512
+
+
+@dataclass
+class Setting:
+    """The parts of a distillation.
+
+    Attributes:
+        config: with every ``auto`` and ``null`` spelt out.
+        game, practice: with the game's own options, and with those of ``config.practice``; may be one.
+        side: the student's seat.
+    """
+
+    config: DistillConfig
+    game: Game
+    practice: Game
+    teacher: Policy
+    opponent: Policy
+    side: int
+    course: Course
+
+    def close(self) -> None:
+        """Release the games."""
+        self.game.close()
+        self.practice.close()
+
+
+def named(config: DistillConfig, plugins: PluginRegistry) -> DistillConfig:
+    """``config`` with the names of teacher and opponent spelt out.
+
+    Raises:
+        ConfigError: no such role, or no agent known for it.
+    """
+    spec = plugins.game(config.env)
+    side = role_side(config, spec)
+    both = spec.interchangeable_sides if config.both_seats is None else config.both_seats
+    teacher = config.teacher if config.teacher != "auto" else agent(spec, side, plugins, "--teacher")
+    opponent = config.opponent if config.opponent != "auto" else agent(spec, 1 - side, plugins, "--opponent")
+    return config.model_copy(update={"teacher": teacher, "opponent": opponent, "both_seats": both})
+
+
+def role_side(config: DistillConfig, spec: GameSpec) -> int:
+    """Index of the student's seat."""
+    if config.role not in spec.sides:
+        raise ConfigError(f"{spec.name} has no side {config.role!r}; its sides: {', '.join(spec.sides)}")
+    return spec.sides.index(config.role)
+
+
+def agent(spec: GameSpec, side: int, plugins: PluginRegistry, flag: str) -> str:
+    """The game's agent for a side: its own, or the one that stands in where that one's weights are missing."""
+    own = spec.default_victim if side == spec.victim_side else spec.baseline_adversary
+    stand_ins = [match.adversary for match in spec.matchups if match.stands_in_for == own]
+    here = [name for name in (own, *stand_ins) if name and is_here(name, plugins)]
+    if here:
+        return here[0]
+    if own:
+        return own  # loading it says how to get it
+    raise ConfigError(f"{spec.name} names no agent for the {spec.sides[side]}; name one with {flag}")
+
+
+def prepare(config: DistillConfig, plugins: PluginRegistry) -> Setting:
+    """Build everything; ``config`` as :func:`named` gives it. Seeds torch's global generator.
+
+    Raises:
+        ApilError: anything wrong with names, options, weights or sizes.
+    """
+    device = check_device(config.device)
+    side = role_side(config, plugins.game(config.env))
+    game = _game(config, plugins, {})
+    practice = _game(config, plugins, config.practice) if config.practice else game
+    try:
+        teacher = load_victim(config.teacher, game, side, config.device, plugins)
+        opponent = load_victim(config.opponent, game, 1 - side, config.device, plugins)
+        log_std, recurrent = _look_at(teacher, game.layout.sides[side], device)
+        full = _complete(config, game.layout.max_steps, recurrent)
+        torch.manual_seed(config.seed)  # the student's first weights
+        course = _course(full, (game, practice), teacher, opponent, side, log_std, device)
+    except BaseException:
+        game.close()
+        practice.close()
+        raise
+    return Setting(full, game, practice, teacher, opponent, side, course)
+
+
+def _game(config: DistillConfig, plugins: PluginRegistry, changed: Mapping[str, Any]) -> Game:
+    options = {**config.game, **changed}
+    return make_game(
+        config.env, num_envs=config.num_envs, threads=config.threads, options=options, plugins=plugins
+    )
+
+
+def _look_at(teacher: Policy, seat: SideLayout, device: torch.device) -> tuple[Tensor, bool]:
+    """The teacher's log-std (a,), and whether it carries state from step to step.
+
+    Raises:
+        VictimError: no distribution, or one whose spread depends on what it sees.
+    """
+    rows = 4
+    spread = torch.linspace(-1, 1, rows, device=device).unsqueeze(1)
+    own = spread.expand(rows, seat.observation_size).contiguous()
+    first = torch.ones(rows, dtype=torch.bool, device=device)
+    distribution = teacher.act(View(own, own, first), sample=False).distribution
+    if distribution is None:
+        raise VictimError(f"{teacher.info.name} has no action distribution: its mean cannot be learnt")
+    std = distribution.std.expand(rows, -1)
+    if not torch.equal(std, std[:1].expand(rows, -1)):
+        raise VictimError(
+            f"{teacher.info.name}: the spread of its actions depends on the observation; "
+            "a student has one spread for all"
+        )
+    return std[0].log(), bool(teacher.recurrent_state())
+
+
+def _complete(config: DistillConfig, max_steps: int, recurrent: bool) -> DistillConfig:
+    kind = config.network if config.network != "auto" else ("gru" if recurrent else "mlp")
+    remembers = kind != "mlp"
+    given = config.model_dump()
+    defaults = {
+        "hidden": (64,) if remembers else (256, 128),
+        "gradient_length": 16 if remembers else 4,
+        "block_steps": min(max_steps, _LONGEST_BLOCK),
+    }
+    filled = {key: value if given[key] is None else given[key] for key, value in defaults.items()}
+    return config.model_copy(update={"network": kind, **filled})
+
+
+def _course(
+    config: DistillConfig,
+    games: tuple[Game, Game],
+    teacher: Policy,
+    opponent: Policy,
+    side: int,
+    log_std: Tensor,
+    device: torch.device,
+) -> Course:
+    seat = games[0].layout.sides[side]
+    kind, hidden, length, steps = config.network, config.hidden, config.gradient_length, config.block_steps
+    assert kind != "auto" and hidden is not None and length is not None and steps is not None
+    width = 0 if kind == "mlp" else config.width
+    shape = StudentShape(
+        kind, seat.observation_size, seat.action_size, width, hidden, config.observation_clip
+    )
+    learner = StudentLearner(
+        shape,
+        num_envs=config.num_envs,
+        block_steps=steps,
+        minibatch_envs=config.minibatch_envs,
+        gradient_length=length,
+        learning_rate=config.learning_rate,
+        max_grad_norm=config.max_grad_norm,
+        device=device,
+    )
+    sides = (side, 1 - side) if config.both_seats else (side,)
+    real, easy = (Collector(each, teacher, opponent, log_std.exp(), config.seed, device) for each in games)
+    return Course(config, shape, real, easy, learner, log_std, sides, steps)
+
+
+def embedded_name(teacher: str) -> str | None:
+    """Name under which a student of that teacher would be shipped, or ``None``."""
+    match = re.fullmatch(r"zoo:(.+)", teacher)
+    return f"embedded:{match[1]}" if match else None

@@ -1,0 +1,61 @@
+"""The students shipped with APIL: ``embedded:<game>/<role>/<version>``, named like their teachers."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from safetensors import safe_open
+
+from apil_core.errors import UnknownNameError
+from apil_core.specs import PolicyListing
+from apil_core.victims.provenance import provenance_of
+
+if TYPE_CHECKING:
+    from apil_core.victims.student import StudentPolicy
+
+SCHEME = "embedded"
+
+
+def folder() -> Path:
+    """Where the files are: ``<game>/<role>/<version>.safetensors``."""
+    return Path(str(files(__package__))) / "students"
+
+
+@cache
+def known() -> dict[str, Path]:
+    """Every student by its name without the scheme, sorted."""
+    found = sorted(folder().glob("*/*/*.safetensors"))
+    return {path.relative_to(folder()).with_suffix("").as_posix(): path for path in found}
+
+
+def list_embedded() -> list[PolicyListing]:
+    """Every student; all are on this machine."""
+    return [_listing(name, path) for name, path in known().items()]
+
+
+def _listing(name: str, path: Path) -> PolicyListing:
+    with safe_open(path, framework="numpy") as file:
+        metadata = file.metadata() or {}
+    told = provenance_of(metadata)
+    source = f"student of {told.get('teacher', 'an unknown teacher')}, {told.get('steps', '?')} steps"
+    return PolicyListing(f"{SCHEME}:{name}", True, metadata.get("weights_sha256", ""), source)
+
+
+def load(name: str) -> StudentPolicy:
+    """A fresh policy on the CPU.
+
+    Args:
+        name: without the scheme, e.g. ``"kick-and-defend/kicker/v1"``.
+
+    Raises:
+        UnknownNameError: there is no such student.
+        VictimError: its file is damaged.
+    """
+    from apil_core.victims.student import load_file
+
+    if name not in known():
+        raise UnknownNameError("victim", f"{SCHEME}:{name}", (f"{SCHEME}:{each}" for each in known()))
+    return load_file(known()[name], f"{SCHEME}:{name}")

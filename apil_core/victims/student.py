@@ -1,0 +1,108 @@
+"""The safetensors file of a student (``apil distill``): weights, what they mean, and where they came from."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+
+from apil_core.errors import VictimError
+from apil_core.files import write_atomically
+from apil_core.policy import PolicyInfo
+from apil_core.victims.provenance import provenance_of
+from apil_core.victims.student_policy import StudentPolicy, StudentShape, Weights
+
+FORMAT = "apil-student-1"
+"""Metadata ``format`` of the files; the number is raised when older code could misread one."""
+
+
+def weights_sha256(weights: Weights) -> str:
+    """Hex digest of names, shapes and values: a student's identity, whatever is noted beside them."""
+    digest = hashlib.sha256()
+    for name, tensor in sorted(weights.items()):
+        digest.update(f"{name} {tuple(tensor.shape)} ".encode())
+        digest.update(tensor.contiguous().numpy().astype("<f4", copy=False).tobytes())
+    return digest.hexdigest()
+
+
+def save_file(path: Path, shape: StudentShape, weights: Weights, provenance: Mapping[str, Any]) -> None:
+    """Write a student.
+
+    Args:
+        path: of the file.
+        shape: of ``weights``.
+        weights: on the CPU.
+        provenance: kept beside the weights as JSON, for people and for ``apil victims list``.
+    """
+    metadata = {
+        "format": FORMAT,
+        "shape": json.dumps(asdict(shape)),
+        "weights_sha256": weights_sha256(weights),
+        "provenance": json.dumps(provenance, sort_keys=True),
+    }
+    content = save({name: tensor.contiguous() for name, tensor in weights.items()}, metadata)
+    write_atomically(path, lambda file: file.write(content))
+
+
+def load_file(path: Path, name: str) -> StudentPolicy:
+    """Read what :func:`save_file` wrote.
+
+    Args:
+        path: of the file.
+        name: full name the policy gets.
+
+    Raises:
+        VictimError: the file is missing, damaged, or no student's.
+    """
+    if not path.is_file():
+        raise VictimError(f"{name}: no file {path}")
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+            weights = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118  (no mapping)
+    except (SafetensorError, OSError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise VictimError(f"{name}: {path} is no safetensors file, or a damaged one: {reason}") from error
+    shape = _shape(metadata, f"{name}: {path}")
+    _verify(weights, shape, metadata, f"{name}: {path}")
+    info = PolicyInfo(
+        name, metadata["weights_sha256"], shape.observation_size, shape.action_size, provenance_of(metadata)
+    )
+    return StudentPolicy(info, shape, weights)
+
+
+def _shape(metadata: Mapping[str, str], where: str) -> StudentShape:
+    found = metadata.get("format", "none")
+    if found != FORMAT:
+        raise VictimError(f"{where} has format {found!r}, expected {FORMAT!r}")
+    try:
+        values = json.loads(metadata["shape"])
+        return StudentShape(**{**values, "hidden": tuple(values["hidden"])})
+    except (KeyError, TypeError, ValueError) as error:
+        raise VictimError(f"{where}: its metadata are damaged ({error})") from error
+
+
+def _verify(weights: Weights, shape: StudentShape, metadata: Mapping[str, str], where: str) -> None:
+    expected = shape.tensors()
+    for name, size in expected.items():
+        if name not in weights:
+            raise VictimError(f"{where}: tensor {name!r} is missing")
+        tensor = weights[name]
+        if (tuple(tensor.shape), tensor.dtype) != (size, torch.float32):
+            found = f"{tuple(tensor.shape)} {str(tensor.dtype).removeprefix('torch.')}"
+            raise VictimError(f"{where}: tensor {name!r} is {found}, expected {size} float32")
+        if not tensor.isfinite().all():
+            raise VictimError(f"{where}: tensor {name!r} holds numbers that are not finite")
+    if weights.keys() != expected.keys():
+        raise VictimError(f"{where}: unknown tensors {sorted(weights.keys() - expected.keys())}")
+    actual = weights_sha256(weights)
+    if metadata.get("weights_sha256") != actual:
+        said = metadata.get("weights_sha256", "none")
+        raise VictimError(f"{where}: its weights give SHA-256 {actual}, but the file says {said}")
