@@ -43,12 +43,10 @@ class DistillFlags:
         Parameter(group=_WHO, help="Whom it plays [default: the game's agent for the other side]."),
     ] = None
     network: Annotated[
-        Literal["mlp", "gru", "lstm"] | None,
-        Parameter(group=_HOW, help="Student's network [default: gru for a recurrent teacher, else mlp]."),
+        Literal["mlp", "lstm"] | None,
+        Parameter(group=_HOW, help="Student's network [default: lstm for a recurrent teacher, else mlp]."),
     ] = None
-    width: Annotated[
-        int | None, Parameter(group=_HOW, help="Units of the recurrent layer [default: 128].")
-    ] = None
+    width: Annotated[int | None, Parameter(group=_HOW, help="Units of the LSTM [default: 128].")] = None
     steps: Annotated[
         int | None,
         Parameter(

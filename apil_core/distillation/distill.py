@@ -9,7 +9,7 @@ from typing import Any
 
 import torch
 
-from apil_core.distillation.learner import block_tensors
+from apil_core.distillation.learner import Block
 from apil_core.distillation.options import DistillConfig
 from apil_core.distillation.report import Report, make_report, score_of
 from apil_core.distillation.setting import Setting, named, prepare
@@ -114,7 +114,7 @@ def _keep(setting: Setting, space: Workspace) -> None:
     course = setting.course
     newest = len(course.blocks) - 1
     if not space.block_path(newest).is_file() or course.done == len(course.blocks):
-        space.save_block(newest, block_tensors(course.blocks[newest]))
+        space.save_block(newest, course.blocks[newest].tensors())
     assert course.standard is not None
     space.save_state(
         {
@@ -132,15 +132,12 @@ def _restore(setting: Setting, space: Workspace) -> None:
     course = setting.course
     course.log = [Entry(**entry) for entry in state["log"]]
     device = course.log_std.device
-    kept = state["standard"]
-    course.standard = Standard(kept["mean"].to(device), kept["std"].to(device), kept["clip"])
+    fixed = state["standard"]
+    course.standard = Standard(fixed["mean"].to(device), fixed["std"].to(device), fixed["clip"])
     course.learner.load_state_dict(state["learner"])
     for number in range(min(course.done, course.rounds)):
-        block = course.learner.new_block()
-        kept_tensors = space.load_block(number)
-        for name, tensor in block_tensors(block).items():
-            tensor.copy_(kept_tensors[name])
-        course.blocks.append(block)
+        kept = {name: tensor.to(device) for name, tensor in space.load_block(number).items()}
+        course.blocks.append(Block(kept["observation"], kept["label"], kept["done"]))
 
 
 def _student(setting: Setting, space: Workspace, more: dict[str, Any]) -> StudentPolicy:

@@ -1,154 +1,210 @@
-"""The student's training, on rsl_rl's Distillation, models and storage.
+"""The student's network in training, and its updates, all in standardised observations and units of σ.
 
-Where rsl_rl's Distillation would not hold is arranged here:
-
-* It drops a recurrent teacher's state at every update, so the teacher stays outside: it labels while
-  the games are played, and the ``teacher`` rsl_rl gets only repeats its labels.
-* It trains on a rollout once; physics is what costs, so blocks are kept and trained on again (DAgger's
-  aggregated data set). Every block begins new games: the recurrent state it starts from is always zero.
-* It gives a student's standard deviation no gradient, so the student has none: the teacher's is copied,
-  and labels are in its units. Half the squared error, summed, is then KL(teacher ‖ student) in nats.
+This is what rsl_rl's ``Distillation`` does (mean squared error to the teacher's mean, truncated
+backpropagation through time), written anew because that one does not hold here: it passes over a rollout
+one step of all games at a time and only once, drops a recurrent teacher's state at every update, and leaves
+the student's spread without gradient. Physics is what costs, so blocks are kept and passed over many times;
+with the products that do not depend on the recurrence taken together a pass is several times as fast
+(docs/victims.md). Labels are in units of the teacher's σ, which is copied: half the squared error, summed
+over components, is then KL(teacher ‖ student) in nats.
 """
 
 from __future__ import annotations
 
-import copy
-import math
-import warnings
+import itertools
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
-from rsl_rl.algorithms import Distillation
-from rsl_rl.models import MLPModel, RNNModel
-from rsl_rl.storage import RolloutStorage
-from tensordict import TensorDict
+import torch.nn.functional as F
 from torch import Tensor, nn
 
 from apil_core.victims.student_policy import StudentShape
 
-_GROUP = "observation"
+_LSTM_WEIGHTS = ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
+Memory = tuple[Tensor, Tensor]
+"""h and c of an LSTM, each (n, w)."""
 
 
-class _Labels(nn.Module):
-    """Stands where rsl_rl expects a teacher, and repeats what the real one said."""
+@dataclass
+class Block:
+    """What was played in one round, time first.
 
-    def __init__(self) -> None:
+    Attributes:
+        observation: standardised, (T, n, o).
+        label: the teacher's mean action in units of σ, (T, n, a).
+        done: (T, n) bool, a game ended with this step.
+        filled: steps recorded so far.
+    """
+
+    observation: Tensor
+    label: Tensor
+    done: Tensor
+    filled: int = field(default=0, compare=False)
+
+    @classmethod
+    def empty(cls, steps: int, games: int, shape: StudentShape, device: torch.device) -> Block:
+        """Room for a block."""
+        return cls(
+            torch.zeros(steps, games, shape.observation_size, device=device),
+            torch.zeros(steps, games, shape.action_size, device=device),
+            torch.zeros(steps, games, dtype=torch.bool, device=device),
+        )
+
+    def record(self, observation: Tensor, label: Tensor, done: Tensor) -> None:
+        """The next step of all games."""
+        self.observation[self.filled] = observation
+        self.label[self.filled] = label
+        self.done[self.filled] = done
+        self.filled += 1
+
+    def tensors(self) -> dict[str, Tensor]:
+        """By name, for keeping."""
+        return {"observation": self.observation, "label": self.label, "done": self.done}
+
+
+class StudentNetwork(nn.Module):
+    """ReLU layer and LSTM (or neither), ELU layers, linear output; see :class:`StudentShape`."""
+
+    def __init__(self, shape: StudentShape):
         super().__init__()
-        self.now = torch.empty(0)
+        self.shape = shape
+        inputs = shape.observation_size
+        if shape.embed:
+            self.embed = nn.Linear(inputs, shape.embed)
+            inputs = shape.embed
+        if shape.kind == "lstm":
+            self.rnn = nn.LSTMCell(inputs, shape.width)
+            inputs = shape.width
+        sizes = (inputs, *shape.hidden, shape.action_size)
+        self.mlp = nn.ModuleList(nn.Linear(a, b) for a, b in itertools.pairwise(sizes))
 
-    def forward(self, observations: TensorDict) -> Tensor:
-        return self.now
+    def forward(self, z: Tensor, done: Tensor, memory: Memory) -> tuple[Tensor, Memory]:
+        """Mean actions of a stretch of steps.
 
-    def reset(self, dones: Tensor | None = None, hidden_state: Any = None) -> None:
-        """Nothing: the real teacher keeps its own state."""
+        Args:
+            z: standardised observations, (T, n, o).
+            done: (T, n) bool, a game ended with this step: the next one starts without memory.
+            memory: before the first step; unused without LSTM.
 
-    def get_hidden_state(self) -> None:
-        return None
+        Returns:
+            (T, n, a) in units of σ, and the memory after the last step.
+        """
+        if self.shape.embed:
+            z = F.relu(self.embed(z))
+        if self.shape.kind == "lstm":
+            z, memory = self._remember(z, done, memory)
+        for layer in self.mlp[:-1]:
+            z = F.elu(layer(z))
+        return self.mlp[-1](z), memory
+
+    def _remember(self, x: Tensor, done: Tensor, memory: Memory) -> tuple[Tensor, Memory]:
+        cell, (h, c) = self.rnn, memory
+        own = F.linear(x, cell.weight_ih, cell.bias_ih + cell.bias_hh)  # of all steps in one product
+        keep = (~done).to(x.dtype).unsqueeze(-1)
+        states = []
+        for t in range(len(x)):
+            i, f, g, o = (own[t] + F.linear(h, cell.weight_hh)).chunk(4, dim=1)
+            c = torch.sigmoid(f) * c + torch.sigmoid(i) * torch.tanh(g)
+            h = torch.sigmoid(o) * torch.tanh(c)
+            states.append(h)
+            h, c = h * keep[t], c * keep[t]
+        return torch.stack(states), (h, c)
+
+    def no_memory(self, games: int) -> Memory:
+        """Where games start."""
+        zeros = torch.zeros(games, self.shape.width, device=next(self.parameters()).device)
+        return zeros, zeros
 
 
 class StudentLearner:
-    """A student's network and its updates; everything in standardised observations and units of σ.
+    """A student's network and optimiser.
 
     Args:
         shape: of the student.
-        num_envs: games stepped together.
-        block_steps: T, steps per block.
-        minibatch_envs: games behind each gradient.
-        gradient_length: steps behind each gradient.
+        minibatch: steps of games behind each gradient.
+        gradient_length: steps of backpropagation through time.
         learning_rate: Adam's.
-        max_grad_norm: gradient clip, per step behind the gradient.
-        device: of the networks.
+        device: of the network.
     """
 
     def __init__(
         self,
         shape: StudentShape,
         *,
-        num_envs: int,
-        block_steps: int,
-        minibatch_envs: int,
+        minibatch: int,
         gradient_length: int,
         learning_rate: float,
-        max_grad_norm: float,
         device: torch.device,
     ):
         self.shape = shape
-        self._block_steps = block_steps
-        self._minibatch_envs = minibatch_envs
-        self._example = TensorDict(
-            {_GROUP: torch.zeros(num_envs, shape.observation_size)}, batch_size=[num_envs], device=device
-        )
-        self._device = str(device)
-        self._labels = _Labels()
-        self.model = self._model().to(device)
-        with warnings.catch_warnings():
-            # steps that do not fill a gradient_length are left out of a pass: known, and less than 4 %
-            warnings.filterwarnings("ignore", message="The product of 'num_learning_epochs'")
-            self._distillation = Distillation(
-                self.model,
-                self._labels,
-                self.new_block(),
-                gradient_length=gradient_length,
-                learning_rate=learning_rate,
-                max_grad_norm=max_grad_norm * gradient_length,
-                device=self._device,
-            )
+        self.network = StudentNetwork(shape).to(device)
+        self._minibatch = minibatch
+        self._length = gradient_length
+        self._optimizer = torch.optim.Adam(self.network.parameters(), lr=learning_rate)
+        self._memory: Memory | None = None
 
-    def _model(self) -> MLPModel:
-        shape, groups = self.shape, {"student": [_GROUP]}
-        layers = {"hidden_dims": shape.hidden, "activation": "elu"}
-        if shape.kind == "mlp":
-            return MLPModel(self._example, groups, "student", shape.action_size, **layers)
-        rnn = {"rnn_type": shape.kind, "rnn_hidden_dim": shape.width}
-        return RNNModel(self._example, groups, "student", shape.action_size, **layers, **rnn)
+    def begin(self, games: int) -> None:
+        """New games begin in all rows."""
+        self._memory = self.network.no_memory(games)
 
-    def new_block(self) -> RolloutStorage:
-        """Room for one block."""
-        envs = self._example.batch_size[0]
-        return RolloutStorage(
-            "distillation", envs, self._block_steps, self._example, [self.shape.action_size], self._device
-        )
+    @torch.no_grad()
+    def act(self, z: Tensor) -> Tensor:
+        """Mean actions in units of σ for standardised observations, (n, o) → (n, a)."""
+        assert self._memory is not None, "begin() comes first"
+        nobody = torch.zeros(1, len(z), dtype=torch.bool, device=z.device)
+        mean, self._memory = self.network(z.unsqueeze(0), nobody, self._memory)
+        return mean[0]
 
-    def begin(self, block: RolloutStorage) -> None:
-        """Record into ``block`` from now on; new games begin."""
-        block.clear()
-        self._distillation.storage = block
-        self.model.reset()
+    def ended(self, done: Tensor) -> None:
+        """Forget the games that ended, (n,) bool."""
+        if self._memory is not None and done.any():
+            h, c = (rows.masked_fill(done.unsqueeze(1), 0) for rows in self._memory)
+            self._memory = h, c
 
-    def act(self, observation: Tensor, label: Tensor) -> Tensor:
-        """The student's mean action, and the teacher's noted beside it; (n, o), (n, a) → (n, a)."""
-        self._labels.now = label
-        return self._distillation.act(TensorDict({_GROUP: observation}, batch_size=[len(observation)]))
+    def train(self, block: Block, generator: torch.Generator) -> float:
+        """One pass over a block; gives the mean squared error before each gradient, in units of σ².
 
-    def record(self, done: Tensor) -> None:
-        """End of the step: (n,) bool, where a game ended."""
-        nothing = torch.zeros(len(done), device=done.device)
-        self._distillation.process_env_step(None, nothing, done, {})
+        Args:
+            block: whole.
+            generator: of the order, on the CPU.
+        """
+        parts = self._games(block, generator) if self.shape.kind == "lstm" else self._rows(block, generator)
+        errors = [self._learn(error) for error in parts]
+        return float(torch.stack(errors).mean())
 
-    def train(self, block: RolloutStorage) -> float:
-        """One pass over a block; gives the mean squared error before each gradient, in units of σ²."""
-        self.model.train()
-        errors = []
-        for part in self._parts(block):
-            self._distillation.storage = part
-            self._distillation.last_hidden_states = (None, None)
-            errors.append(self._distillation.update()["behavior"])
-        return math.fsum(errors) / len(errors)
+    def _rows(self, block: Block, generator: torch.Generator) -> Iterator[Tensor]:
+        """Errors of minibatches of steps in any order."""
+        z, label = block.observation.flatten(0, 1), block.label.flatten(0, 1)
+        nobody = torch.zeros(1, 1, dtype=torch.bool, device=z.device)
+        nothing = self.network.no_memory(1)
+        for rows in torch.randperm(len(z), generator=generator).split(self._minibatch):
+            mean, _ = self.network(z[rows].unsqueeze(0), nobody, nothing)
+            yield (mean[0] - label[rows]).square().mean()
 
-    def _parts(self, block: RolloutStorage) -> Iterator[RolloutStorage]:
-        """Views of ``minibatch_envs`` games each (the last may have fewer)."""
-        size = self._minibatch_envs
-        for begin in range(0, block.num_envs, size):
-            part, games = copy.copy(block), slice(begin, begin + size)
-            part.observations = block.observations[:, games]
-            part.privileged_actions = block.privileged_actions[:, games]
-            part.dones = block.dones[:, games]
-            yield part
+    def _games(self, block: Block, generator: torch.Generator) -> Iterator[Tensor]:
+        """Errors of stretches of ``gradient_length`` steps, in order of time, of some games at once."""
+        games = max(self._minibatch // self._length, 1)
+        for chosen in torch.randperm(block.done.shape[1], generator=generator).split(games):
+            z, label, done = (part[:, chosen] for part in (block.observation, block.label, block.done))
+            memory = self.network.no_memory(len(chosen))
+            for begin in range(0, len(z), self._length):
+                stretch = slice(begin, begin + self._length)
+                mean, (h, c) = self.network(z[stretch], done[stretch], memory)
+                memory = h.detach(), c.detach()
+                yield (mean - label[stretch]).square().mean()
+
+    def _learn(self, error: Tensor) -> Tensor:
+        self._optimizer.zero_grad(set_to_none=True)
+        error.backward()
+        nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        self._optimizer.step()
+        return error.detach()
 
     def set_learning_rate(self, rate: float) -> None:
         """For the passes that follow."""
-        for group in self._distillation.optimizer.param_groups:
+        for group in self._optimizer.param_groups:
             group["lr"] = rate
 
     def weights(self, mean: Tensor, std: Tensor, log_std: Tensor) -> dict[str, Tensor]:
@@ -158,38 +214,23 @@ class StudentLearner:
             mean, std: of the observations, (o,).
             log_std: the teacher's, (a,); the output layer is put into its units.
         """
-        state = {name: tensor.detach().cpu().float() for name, tensor in self.model.state_dict().items()}
         found = {"observation.mean": mean, "observation.std": std, "log_std": log_std}
-        for name in ("weight_ih", "weight_hh", "bias_ih", "bias_hh"):
-            if self.shape.kind != "mlp":
-                found[f"rnn.{name}"] = state[f"rnn.rnn.{name}_l0"]
-        last = len(self.shape.hidden)
-        for i in range(last + 1):  # every other module of rsl_rl's MLP is an activation
-            for part in ("weight", "bias"):
-                found[f"mlp.{i}.{part}"] = state[f"mlp.{2 * i}.{part}"]
-        sigma = log_std.exp()
-        found[f"mlp.{last}.weight"] = found[f"mlp.{last}.weight"] * sigma.unsqueeze(1)
-        found[f"mlp.{last}.bias"] = found[f"mlp.{last}.bias"] * sigma
+        found |= {name: tensor.detach() for name, tensor in self.network.state_dict().items()}
+        last, sigma = f"mlp.{len(self.shape.hidden)}", log_std.exp()
+        found[f"{last}.weight"] = found[f"{last}.weight"] * sigma.unsqueeze(1)
+        found[f"{last}.bias"] = found[f"{last}.bias"] * sigma
         return {name: tensor.cpu().float().clone() for name, tensor in found.items()}
 
     def state_dict(self) -> dict[str, Any]:
         """Network and optimiser."""
-        return dict(self._distillation.save())
+        return {"network": self.network.state_dict(), "optimizer": self._optimizer.state_dict()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore what :meth:`state_dict` gave."""
-        self._distillation.load(state, {"student": True, "optimizer": True}, strict=True)
+        self.network.load_state_dict(state["network"])
+        self._optimizer.load_state_dict(state["optimizer"])
 
 
 def kl_nats(squared_error: float, action_size: int) -> float:
     """KL(teacher ‖ student) of a mean squared error in units of σ², in nats per step."""
     return 0.5 * squared_error * action_size
-
-
-def block_tensors(block: RolloutStorage) -> dict[str, Tensor]:
-    """What a block holds: observations (T, n, o), labels (T, n, a), ends of games (T, n, 1)."""
-    return {
-        "observation": block.observations[_GROUP],
-        "label": block.privileged_actions,
-        "done": block.dones,
-    }

@@ -20,12 +20,14 @@ class DistillConfig(Section):
     """Policy to imitate; auto: the agent the game names for this side."""
     opponent: str = "auto"
     """Whom it plays meanwhile, and in the report; auto: the agent the game names for the other side."""
-    network: Literal["auto", "mlp", "gru", "lstm"] = "auto"
-    """Student's network; auto: gru for a recurrent teacher, else mlp."""
+    network: Literal["auto", "mlp", "lstm"] = "auto"
+    """Student's network; auto: lstm for a recurrent teacher, else mlp."""
     width: Annotated[int, Field(gt=0)] = 128
-    """Units of the recurrent layer."""
+    """Units of the LSTM."""
+    embed: Annotated[int, Field(ge=0)] = 128
+    """ReLU units before the LSTM; 0: none."""
     hidden: tuple[Annotated[int, Field(gt=0)], ...] | None = None
-    """ELU layers before the output; null: 64 above a recurrent layer, else 256 and 128."""
+    """ELU layers before the output; null: none above an LSTM, else 256 and 128."""
     steps: Annotated[int, Field(gt=0)] = 500_000
     """Game steps to play and label, rounded up to whole blocks, at least two. In the first block the teacher
     acts, afterwards mostly the student (DAgger)."""
@@ -33,18 +35,16 @@ class DistillConfig(Section):
     """Steps of each game per block; null: the game's step limit, at most 512. Each block begins new games."""
     num_envs: Annotated[int, Field(gt=0)] = 128
     """Games stepped together."""
-    minibatch_envs: Annotated[int, Field(gt=0)] = 32
-    """Games behind each gradient."""
-    passes_per_block: Annotated[int, Field(gt=0)] = 3
+    passes_per_block: Annotated[int, Field(gt=0)] = 4
     """Passes over each new block, each after one over an earlier block drawn at random."""
-    final_passes: Annotated[int, Field(ge=0)] = 6
+    final_passes: Annotated[int, Field(ge=0)] = 25
     """Passes over all blocks at the end, while the learning rate falls to zero."""
-    learning_rate: Annotated[float, Field(gt=0)] = 1e-3
+    learning_rate: Annotated[float, Field(gt=0)] = 2e-3
     """Adam's step size before the final passes."""
-    gradient_length: Annotated[int, Field(gt=0)] | None = None
-    """Steps behind each gradient, and of backpropagation through time; null: 16 if recurrent, else 4."""
-    max_grad_norm: Annotated[float, Field(gt=0)] = 1.0
-    """Gradient clip per step of gradient_length."""
+    minibatch: Annotated[int, Field(gt=0)] = 512
+    """Steps behind each gradient."""
+    gradient_length: Annotated[int, Field(gt=0)] = 8
+    """Steps of backpropagation through time."""
     observation_clip: Annotated[float, Field(gt=0)] = 5.0
     """Clip of the standardised observation."""
     both_seats: bool | None = None
@@ -60,4 +60,4 @@ class DistillConfig(Section):
     game: dict[str, Any] = Field(default_factory=dict)
     """Options of the game, checked by the game's own model."""
     practice: dict[str, Any] = Field(default_factory=dict)
-    """Options of the game that differ in three of four blocks, e.g. cheaper physics; scores never use them."""
+    """Options of the game that differ in three of four blocks, e.g. cheaper physics; never in a score."""

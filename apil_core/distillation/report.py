@@ -38,7 +38,7 @@ class ActionError(BaseModel):
 
 
 class Report(BaseModel):
-    """What a distillation reached. Scores are from the student's seat, action modes as in a run's defaults."""
+    """What a distillation reached. Scores are from the student's seat, with a run's default action modes."""
 
     student: str
     teacher: str
@@ -115,7 +115,9 @@ def make_report(setting: Setting, student: Policy, scores: dict[str, Any]) -> Re
         scores: ``student_score`` and ``teacher_score``, or nothing.
     """
     config = setting.config
-    differences = compare(scores["student_score"], scores["teacher_score"]) if scores else {}
+    differences: dict[str, Any] = {}
+    if scores:
+        differences.update(compare(scores["student_score"], scores["teacher_score"]))
     return Report(
         student=student.info.sha256,
         teacher=config.teacher,

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from apil_core.build import check_device, load_victim
+from apil_core.build import check_device
 from apil_core.default_victim import is_here
 from apil_core.distillation.collector import Collector
 from apil_core.distillation.learner import StudentLearner
@@ -21,6 +21,7 @@ from apil_core.game import Game, SideLayout
 from apil_core.plugins import PluginRegistry
 from apil_core.policy import Policy
 from apil_core.registry import make_game
+from apil_core.build import load_victim
 from apil_core.specs import GameSpec
 from apil_core.types import View
 from apil_core.victims.student_policy import StudentShape
@@ -74,7 +75,7 @@ def role_side(config: DistillConfig, spec: GameSpec) -> int:
 
 
 def agent(spec: GameSpec, side: int, plugins: PluginRegistry, flag: str) -> str:
-    """The game's agent for a side: its own, or the one that stands in where that one's weights are missing."""
+    """The game's agent for a side, or the one that stands in where that one's weights are missing."""
     own = spec.default_victim if side == spec.victim_side else spec.baseline_adversary
     stand_ins = [match.adversary for match in spec.matchups if match.stands_in_for == own]
     here = [name for name in (own, *stand_ins) if name and is_here(name, plugins)]
@@ -139,16 +140,12 @@ def _look_at(teacher: Policy, seat: SideLayout, device: torch.device) -> tuple[T
 
 
 def _complete(config: DistillConfig, max_steps: int, recurrent: bool) -> DistillConfig:
-    kind = config.network if config.network != "auto" else ("gru" if recurrent else "mlp")
-    remembers = kind != "mlp"
-    given = config.model_dump()
-    defaults = {
-        "hidden": (64,) if remembers else (256, 128),
-        "gradient_length": 16 if remembers else 4,
-        "block_steps": min(max_steps, _LONGEST_BLOCK),
-    }
-    filled = {key: value if given[key] is None else given[key] for key, value in defaults.items()}
-    return config.model_copy(update={"network": kind, **filled})
+    kind = config.network if config.network != "auto" else ("lstm" if recurrent else "mlp")
+    hidden = config.hidden
+    if hidden is None:
+        hidden = () if kind == "lstm" else (256, 128)
+    steps = config.block_steps or min(max_steps, _LONGEST_BLOCK)
+    return config.model_copy(update={"network": kind, "hidden": hidden, "block_steps": steps})
 
 
 def _course(
@@ -161,25 +158,22 @@ def _course(
     device: torch.device,
 ) -> Course:
     seat = games[0].layout.sides[side]
-    kind, hidden, length, steps = config.network, config.hidden, config.gradient_length, config.block_steps
-    assert kind != "auto" and hidden is not None and length is not None and steps is not None
-    width = 0 if kind == "mlp" else config.width
-    shape = StudentShape(
-        kind, seat.observation_size, seat.action_size, width, hidden, config.observation_clip
-    )
+    assert config.network != "auto"
+    assert config.hidden is not None
+    assert config.block_steps is not None
+    sizes = seat.observation_size, seat.action_size
+    width, embed = (config.width, config.embed) if config.network == "lstm" else (0, 0)
+    shape = StudentShape(config.network, *sizes, width, config.hidden, config.observation_clip, embed)
     learner = StudentLearner(
         shape,
-        num_envs=config.num_envs,
-        block_steps=steps,
-        minibatch_envs=config.minibatch_envs,
-        gradient_length=length,
+        minibatch=config.minibatch,
+        gradient_length=config.gradient_length,
         learning_rate=config.learning_rate,
-        max_grad_norm=config.max_grad_norm,
         device=device,
     )
     sides = (side, 1 - side) if config.both_seats else (side,)
     real, easy = (Collector(each, teacher, opponent, log_std.exp(), config.seed, device) for each in games)
-    return Course(config, shape, real, easy, learner, log_std, sides, steps)
+    return Course(config, shape, real, easy, learner, log_std, sides, config.block_steps)
 
 
 def embedded_name(teacher: str) -> str | None:

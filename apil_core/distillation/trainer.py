@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from apil_core.distillation.collector import Cast, Collector, Sample
-from apil_core.distillation.learner import StudentLearner, block_tensors
+from apil_core.distillation.learner import Block, StudentLearner
 from apil_core.distillation.options import DistillConfig
 from apil_core.normalize import RunningMoments
-from apil_core.seeds import stream_seed
+from apil_core.seeds import stream_generator
 from apil_core.victims.student_policy import StudentShape
 
 _TRUE_BLOCKS = 4
@@ -73,7 +70,7 @@ class Course:
     block_steps: int
     standard: Standard | None = None
     log: list[Entry] = field(default_factory=list)
-    blocks: list[Any] = field(default_factory=list)
+    blocks: list[Block] = field(default_factory=list)
 
     @property
     def rounds(self) -> int:
@@ -108,51 +105,60 @@ class Course:
     def _round(self) -> tuple[float, float | None]:
         """Play a block and train on it, and on others."""
         number = len(self.blocks)
-        block = self.learner.new_block()
-        self.learner.begin(block)
-        fresh = self._first_block(block) if number == 0 else self._play(block, number)
+        block = Block.empty(self.block_steps, self.config.num_envs, self.shape, self.log_std.device)
+        self.learner.begin(self.config.num_envs)
+        fresh = None
+        if number:
+            fresh = self._play(block, number)
+        else:
+            self._first_block(block)
         self.blocks.append(block)
-        rng = self._rng(f"replay {number}")
+        generator = self._generator(f"replay {number}")
         error = 0.0
         for _ in range(self.config.passes_per_block):
             if number:
-                self.learner.train(self.blocks[rng.integers(number)])
-            error = self.learner.train(block)
+                earlier = int(torch.randint(number, (), generator=generator))
+                self.learner.train(self.blocks[earlier], generator)
+            error = self.learner.train(block, generator)
         return error, fresh
 
-    def _first_block(self, block: Any) -> None:
+    def _first_block(self, block: Block) -> None:
         """The teacher alone; its observations standardise all that follow, these included."""
-        learner, moments = self.learner, RunningMoments(self.shape.observation_size).to(self.log_std.device)
+        moments = RunningMoments(self.shape.observation_size).to(self.log_std.device)
+        sigma = self.log_std.exp()
 
         def take(sample: Sample) -> None:
             moments.update(sample.observation)
-            learner.act(sample.observation, sample.label / self.log_std.exp())
-            learner.record(sample.done)
+            block.record(sample.observation, sample.label / sigma, sample.done)
 
         self.collector.play("block 0", self.sides[0], self.block_steps, self._cast(True), None, take)
         std = moments.var.sqrt().clamp(min=_LEAST_STD)
         self.standard = Standard(moments.mean.float(), std.float(), self.config.observation_clip)
-        observations = block_tensors(block)["observation"]
         for t in range(self.block_steps):
-            observations[t] = self.standard(observations[t])
+            block.observation[t] = self.standard(block.observation[t])
 
-    def _play(self, block: Any, number: int) -> float:
+    def _play(self, block: Block, number: int) -> float:
         """A block in which the student acts; gives its error there."""
         learner, sigma, standard = self.learner, self.log_std.exp(), self.standard
         assert standard is not None, "the first block sets it"
         cast = self._cast(False)
         errors: list[Tensor] = []
+        seen = torch.empty(0)
 
         def act(observation: Tensor, label: Tensor) -> Tensor:
-            mean = learner.act(standard(observation), label / sigma)
+            nonlocal seen
+            seen = standard(observation)
+            mean = learner.act(seen)
             errors.append((mean - label / sigma)[~cast.teacher_acts].square().mean())
             return mean * sigma
 
+        def take(sample: Sample) -> None:
+            block.record(seen, sample.label / sigma, sample.done)
+            learner.ended(sample.done)
+
         side = self.sides[number % len(self.sides)]
         games = self.practice if number % _TRUE_BLOCKS else self.collector
-        games.play(
-            f"block {number}", side, self.block_steps, cast, act, lambda sample: learner.record(sample.done)
-        )
+        games.play(f"block {number}", side, self.block_steps, cast, act, take)
         return float(torch.stack(errors).mean())
 
     def _cast(self, teacher_only: bool) -> Cast:
@@ -161,22 +167,19 @@ class Course:
     def _final_pass(self) -> float:
         """Over all blocks, at a rate that falls linearly to zero over all final passes."""
         number = self.done - self.rounds
-        order = self._rng(f"final {number}").permutation(len(self.blocks))
+        generator = self._generator(f"final {number}")
+        order = torch.randperm(len(self.blocks), generator=generator).tolist()
         errors = []
         for i, index in enumerate(order):
             left = 1 - (number + i / len(order)) / self.config.final_passes
             self.learner.set_learning_rate(self.config.learning_rate * left)
-            errors.append(self.learner.train(self.blocks[index]))
-        return float(np.mean(errors))
+            errors.append(self.learner.train(self.blocks[index], generator))
+        return math.fsum(errors) / len(errors)
 
-    def _rng(self, stream: str) -> np.random.Generator:
-        return np.random.default_rng(stream_seed(self.config.seed, f"distillation {stream}"))
+    def _generator(self, stream: str) -> torch.Generator:
+        return stream_generator(self.config.seed, f"distillation {stream}", torch.device("cpu"))
 
     def weights(self) -> dict[str, Tensor]:
         """The student as it stands, as its file has it."""
         assert self.standard is not None, "there is a student after the first stage"
         return self.learner.weights(self.standard.mean, self.standard.std, self.log_std)
-
-
-Tell = Callable[[Entry, int], None]
-"""Called after each stage with its entry and the number of all stages."""

@@ -14,7 +14,7 @@ from apil_core.policy import Policy, PolicyInfo
 from apil_core.types import Decision, DiagonalGaussian, View
 from apil_core.victims.memory import Memory, State
 
-Kind = Literal["mlp", "gru", "lstm"]
+Kind = Literal["mlp", "lstm"]
 Weights = Mapping[str, Tensor]
 
 _RNN = ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
@@ -25,11 +25,12 @@ class StudentShape:
     """What a student's tensors mean.
 
     Attributes:
-        kind: a recurrent layer of that kind below the MLP, or the MLP alone.
+        kind: ``lstm`` below the MLP, or the MLP alone.
         observation_size, action_size: of the seat.
-        width: of the recurrent layer; 0 for ``mlp``.
+        width: of the LSTM; 0 for ``mlp``.
         hidden: ELU layers above it.
         clip: bound of the standardised observation.
+        embed: ReLU units between observation and LSTM; 0: none.
     """
 
     kind: Kind
@@ -38,6 +39,7 @@ class StudentShape:
     width: int
     hidden: tuple[int, ...]
     clip: float
+    embed: int = 0
 
     def tensors(self) -> dict[str, tuple[int, ...]]:
         """Names and shapes of all tensors, weights as torch's own layers keep them."""
@@ -47,20 +49,25 @@ class StudentShape:
             "observation.std": (o,),
             "log_std": (a,),
         }
-        gates = {"mlp": 0, "gru": 3, "lstm": 4}[self.kind]
-        if gates:
-            sizes = ((gates * w, o), (gates * w, w), (gates * w,), (gates * w,))
+        recurrent = self.kind == "lstm"
+        if self.embed:
+            shapes |= {"embed.weight": (self.embed, o), "embed.bias": (self.embed,)}
+        if recurrent:
+            sizes = ((4 * w, self.embed or o), (4 * w, w), (4 * w,), (4 * w,))
             shapes |= {f"rnn.{name}": size for name, size in zip(_RNN, sizes, strict=True)}
-        inputs = (w if gates else o, *self.hidden)
+        inputs = (w if recurrent else self.embed or o, *self.hidden)
         for i, (size, outputs) in enumerate(zip(inputs, (*self.hidden, a), strict=True)):
             shapes |= {f"mlp.{i}.weight": (outputs, size), f"mlp.{i}.bias": (outputs,)}
         return shapes
 
 
 class StudentPolicy(Policy):
-    """Standardised observation → optional GRU or LSTM → ELU layers → mean action.
+    """Standardised observation → optional ReLU layer → optional LSTM → ELU layers → mean action.
 
     Actions are drawn from a normal distribution whose standard deviation is its teacher's.
+
+    Attributes:
+        weights: the tensors, on the policy's device.
 
     Args:
         info: identity.
@@ -71,8 +78,8 @@ class StudentPolicy(Policy):
     def __init__(self, info: PolicyInfo, shape: StudentShape, weights: Weights):
         self.info = info
         self.shape = shape
-        self._weights = dict(weights)
-        self._std = self._weights["log_std"].exp()
+        self.weights = dict(weights)
+        self._std = self.weights["log_std"].exp()
         self._memory = Memory(info.name)
 
     @torch.no_grad()
@@ -85,9 +92,12 @@ class StudentPolicy(Policy):
         activations: bool = False,
     ) -> Decision:
         """See :meth:`apil_core.Policy.act`; ``hidden`` is what the last linear layer reads."""
-        w = self._weights
+        w = self.weights
         z = (view.own.float() - w["observation.mean"]) / w["observation.std"]
-        x = self._remember(z.clamp_(-self.shape.clip, self.shape.clip), view.first)
+        z = z.clamp_(-self.shape.clip, self.shape.clip)
+        if self.shape.embed:
+            z = F.relu_(F.linear(z, w["embed.weight"], w["embed.bias"]))
+        x = self._remember(z, view.first)
         last = len(self.shape.hidden)
         for i in range(last):
             x = F.elu_(F.linear(x, w[f"mlp.{i}.weight"], w[f"mlp.{i}.bias"]))
@@ -97,32 +107,27 @@ class StudentPolicy(Policy):
         return Decision(action, distribution, {"hidden": x} if activations else None)
 
     def _remember(self, z: Tensor, first: Tensor) -> Tensor:
-        """Pass ``z`` (n, o) through the recurrent layer, if there is one."""
+        """Pass ``z`` through the LSTM, if there is one; (n, k) → (n, w)."""
         if self.shape.kind == "mlp":
             return z
         state = self._memory.begin(first, self._initial_state)
-        weights = [self._weights[f"rnn.{name}"] for name in _RNN]
-        if self.shape.kind == "gru":
-            h = torch.gru_cell(z, state["h"], *weights)
-            self._memory.rows = {"h": h}
-        else:
-            h, c = torch.lstm_cell(z, (state["h"], state["c"]), *weights)
-            self._memory.rows = {"h": h, "c": c}
+        weights = [self.weights[f"rnn.{name}"] for name in _RNN]
+        h, c = torch.lstm_cell(z, (state["h"], state["c"]), *weights)
+        self._memory.rows = {"h": h, "c": c}
         return h
 
     def _initial_state(self, games: int) -> State:
-        keys = ("h",) if self.shape.kind == "gru" else ("h", "c")
-        return {key: self._std.new_zeros(games, self.shape.width) for key in keys}
+        return {key: self._std.new_zeros(games, self.shape.width) for key in ("h", "c")}
 
     def to(self, device: torch.device | str) -> StudentPolicy:
         """Move weights and state to ``device``; returns self."""
-        self._weights = {name: tensor.to(device) for name, tensor in self._weights.items()}
+        self.weights = {name: tensor.to(device) for name, tensor in self.weights.items()}
         self._std = self._std.to(device)
         self.load_recurrent_state(self.recurrent_state())
         return self
 
     def recurrent_state(self) -> State:
-        """``h`` and, for an LSTM, ``c``, each (n, width); empty for an MLP."""
+        """``h`` and ``c``, each (n, width); empty without LSTM."""
         return dict(self._memory.rows)
 
     def load_recurrent_state(self, state: State) -> None:
