@@ -51,6 +51,7 @@ _HOMES = {
     "apil_core.evaluator": ("evaluate",),
     "apil_core.runner": ("RunResult", "resume", "run"),
     "apil_core.registry": ("load_policy", "make_game"),
+    "apil_core.victims.conformance": ("Conformance", "check_policy"),
     "apil_core.pettingzoo_game.options": ("PettingZooOptions",),
     "apil_core.pettingzoo_game.plugin": ("pettingzoo_spec",),
 }
@@ -127,5 +128,7 @@ if TYPE_CHECKING:
     from apil_core.types import Rollout as Rollout
     from apil_core.types import StepBatch as StepBatch
     from apil_core.types import View as View
+    from apil_core.victims.conformance import Conformance as Conformance
+    from apil_core.victims.conformance import check_policy as check_policy
     from apil_core.views import OpponentInsideEnv as OpponentInsideEnv
     from apil_core.views import ParallelGameEnv as ParallelGameEnv

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -10,10 +11,15 @@ from torch import Tensor, nn
 
 from apil_core.errors import PluginError
 from apil_core.learner import Actor
+from apil_core.method import Method
 from apil_core.normalize import ObservationNormalizer
 from apil_core.policy import Policy, PolicyInfo
 from apil_core.run_hooks import RunHookManager
+from apil_core.seeds import stream_seed
 from apil_core.types import OWN_GROUP, Context, Decision, View
+
+HOOK_STREAM = "evaluation hooks"
+"""Random stream of stochastic hooks where there is no run."""
 
 
 class ObservationBuilder(nn.Module):
@@ -43,12 +49,7 @@ class ObservationBuilder(nn.Module):
         Raises:
             PluginError: a group has another shape or type than (n, k) float32, or changed its size.
         """
-        answers = self._hooks.hook.extend_observation(context=context, view=view)
-        groups = {OWN_GROUP: view.own}
-        for name, value in self._hooks.merged(answers, "extend_observation").items():
-            if name == OWN_GROUP:
-                raise self._complaint(f"the name {name!r} is taken; choose another")
-            groups[name] = value
+        groups = self.unchecked_groups(context, view)
         if not self.normalizers:
             widths = {name: self._width(name, value) for name, value in groups.items()}
             self.add_normalizers(widths, view.own.device)
@@ -58,6 +59,16 @@ class ObservationBuilder(nn.Module):
         for name, value in groups.items():
             if name != OWN_GROUP:
                 self._hooks.checked("extend_observation", name, value, (len(view.own), sizes[name]))
+        return groups
+
+    def unchecked_groups(self, context: Context, view: View) -> dict[str, Tensor]:
+        """:meth:`groups` by tensor operators alone, so that torch can trace it; values are not looked at."""
+        answers = self._hooks.hook.extend_observation(context=context, view=view)
+        groups = {OWN_GROUP: view.own}
+        for name, value in self._hooks.merged(answers, "extend_observation").items():
+            if name == OWN_GROUP:
+                raise self._complaint(f"the name {name!r} is taken; choose another")
+            groups[name] = value
         return groups
 
     def add_normalizers(self, sizes: dict[str, int], device: torch.device) -> None:
@@ -101,13 +112,25 @@ class AdversaryPolicy(Policy):
         builder: makes the observation; never updated here.
         actor: the policy network.
         context: for whom observations are made; its generator feeds stochastic hooks.
+        hooks: of the methods; what they raise carries their name.
+        methods: whose state belongs to the policy.
     """
 
-    def __init__(self, info: PolicyInfo, builder: ObservationBuilder, actor: Actor, context: Context):
+    def __init__(
+        self,
+        info: PolicyInfo,
+        builder: ObservationBuilder,
+        actor: Actor,
+        context: Context,
+        hooks: RunHookManager,
+        methods: Mapping[str, Method],
+    ):
         self.info = info
         self.builder = builder
         self.actor = actor
         self.context = context
+        self.hooks = hooks
+        self.methods = methods
 
     def act(
         self,
@@ -118,9 +141,28 @@ class AdversaryPolicy(Policy):
         activations: bool = False,
     ) -> Decision:
         """See :meth:`apil_core.Policy.act`."""
-        with torch.inference_mode():
+        with torch.inference_mode(), self.hooks.attribution():
             observations = self.builder.normalize(self.builder.groups(self.context, view), update=False)
             distribution = self.actor(observations)
             action = distribution.sample(generator) if sample else distribution.mean
             hidden = {"hidden": self.actor.hidden(observations)} if activations else None
         return Decision(action, distribution, hidden)
+
+    def seed(self, seed: int) -> None:
+        """Restart the generator that stochastic hooks draw from."""
+        self.context.generator.manual_seed(stream_seed(seed, HOOK_STREAM))
+
+    def recurrent_state(self) -> dict[str, Any]:
+        """The hooks' generator, and what methods carry along."""
+        with self.hooks.attribution():
+            methods = {name: method.state_dict() for name, method in self.methods.items()}
+        return {"generator": self.context.generator.get_state(), "methods": methods}
+
+    def load_recurrent_state(self, state: dict[str, Any]) -> None:
+        """Restore what :meth:`recurrent_state` gave; nothing else is carried from game to game."""
+        if not state:
+            return
+        self.context.generator.set_state(state["generator"].cpu())
+        with self.hooks.attribution():
+            for name, method in self.methods.items():
+                method.load_state_dict(state["methods"][name])

@@ -8,19 +8,19 @@ from typing import Any
 
 import torch
 
-from apil_core.adversary import AdversaryPolicy, ObservationBuilder
+from apil_core.adversary import HOOK_STREAM, AdversaryPolicy, ObservationBuilder
 from apil_core.config import RunConfig
-from apil_core.default_victim import default_victim
 from apil_core.errors import ConfigError, PluginError
-from apil_core.game import Game
+from apil_core.game import Game, GameLayout
 from apil_core.game_env import AttackEnv
 from apil_core.learner import Actor, Learner
 from apil_core.method import Method, MethodSetup
 from apil_core.plugins import PluginRegistry
 from apil_core.policy import Policy, PolicyInfo
-from apil_core.registry import build_methods, game_spec, load_policy, make_game
+from apil_core.registry import build_methods, game_spec, make_game
 from apil_core.rewards import resolve_weights
 from apil_core.run_hooks import RunHookManager
+from apil_core.seats import pinned, run_victim, victim_side
 from apil_core.seeds import stream_generator, stream_seed
 from apil_core.types import Context
 
@@ -57,45 +57,6 @@ def check_device(name: str) -> torch.device:
     if device.type not in ("cpu", "cuda"):
         raise ConfigError(f"device: {name!r} is not supported; use cpu, cuda or cuda:N")
     return device
-
-
-def victim_name(config: RunConfig, plugins: PluginRegistry) -> str:
-    """The victim's full name, ``auto`` resolved to the game's default."""
-    if config.victim != "auto":
-        return config.victim
-    spec = game_spec(config.env, plugins)
-    if not spec.default_victim:
-        raise ConfigError(f"game {config.env!r} has no default victim; name one with --victim")
-    return default_victim(spec, plugins)
-
-
-def victim_side(config: RunConfig, plugins: PluginRegistry) -> int:
-    """Index of the attacked side."""
-    spec = game_spec(config.env, plugins)
-    return spec.victim_side if config.victim_side is None else config.victim_side
-
-
-BASELINES = ("random", "zero")
-"""Names without a scheme: the baseline of that kind in the seat's sizes."""
-
-
-def load_victim(name: str, game: Game, side: int, device: str, plugins: PluginRegistry) -> Policy:
-    """Load a policy for that seat and check that it fits; see :data:`BASELINES` for short names.
-
-    Raises:
-        ConfigError: its sizes are not the seat's.
-    """
-    seat = game.layout.sides[side]
-    if name in BASELINES:
-        name = f"baseline:{name}/{seat.observation_size}x{seat.action_size}"
-    policy = load_policy(name, device=device, plugins=plugins)
-    info = policy.info
-    if (info.observation_size, info.action_size) != (seat.observation_size, seat.action_size):
-        raise ConfigError(
-            f"{name} takes {info.observation_size} observations and gives {info.action_size} actions, "
-            f"but the {seat.name} has {seat.observation_size} and {seat.action_size}"
-        )
-    return policy
 
 
 def build_hooks(
@@ -137,8 +98,9 @@ def build(config: RunConfig, plugins: PluginRegistry) -> Attack:
     )
     game.seed(stream_seed(config.seed, "training games"))
     attacked = victim_side(config, plugins)
-    victim = load_victim(victim_name(config, plugins), game, attacked, config.device, plugins)
-    setup = method_setup(config, game, 1 - attacked, device)
+    victim = run_victim(config, game, plugins, config.seed)
+    config = pinned(config, victim)
+    setup = method_setup(config, game.layout, 1 - attacked, device)
     methods, hooks = build_hooks(config, plugins, setup)
     builder = ObservationBuilder(hooks, config.ppo.observation_clip)
     streams = generators(config.seed, device)
@@ -159,10 +121,12 @@ def build(config: RunConfig, plugins: PluginRegistry) -> Attack:
     return Attack(config, game, victim, 1 - attacked, methods, hooks, builder, streams, env, actor, learner)
 
 
-def method_setup(config: RunConfig, game: Game, adversary_side: int, device: torch.device) -> MethodSetup:
+def method_setup(
+    config: RunConfig, layout: GameLayout, adversary_side: int, device: torch.device
+) -> MethodSetup:
     """What methods are built from."""
     return MethodSetup(
-        layout=game.layout,
+        layout=layout,
         adversary_side=adversary_side,
         device=device,
         seed=config.seed,
@@ -173,7 +137,7 @@ def method_setup(config: RunConfig, game: Game, adversary_side: int, device: tor
 
 def evaluation_context(side: int, seed: int, device: torch.device) -> Context:
     """For whom a trained adversary's observations are made when it is scored."""
-    generator = stream_generator(seed, "evaluation hooks", device)
+    generator = stream_generator(seed, HOOK_STREAM, device)
     return Context(side=side, role="adversary", mode="eval", device=device, generator=generator)
 
 
@@ -181,19 +145,19 @@ def adversary_policy(
     state: Mapping[str, Any],
     info: PolicyInfo,
     config: RunConfig,
-    game: Game,
+    layout: GameLayout,
     side: int,
     plugins: PluginRegistry,
     seed: int,
-) -> tuple[AdversaryPolicy, RunHookManager]:
-    """The adversary of a checkpoint's ``state``, without its run; and its hooks (for filters).
+) -> AdversaryPolicy:
+    """The adversary of a checkpoint's ``state``, without its run.
 
     Args:
         side: the seat it was trained for.
         seed: of the generator its stochastic hooks draw from.
     """
     device = torch.device(config.device)
-    methods, hooks = build_hooks(config, plugins, method_setup(config, game, side, device))
+    methods, hooks = build_hooks(config, plugins, method_setup(config, layout, side, device))
     with hooks.attribution():
         for name, method in methods.items():
             method.load_state_dict(state["methods"][name])
@@ -201,7 +165,7 @@ def adversary_policy(
     sizes: dict[str, int] = state["groups"]
     builder.add_normalizers(sizes, device)
     builder.load_state_dict(state["builder"])
-    actor = Actor(sizes, game.layout.sides[side].action_size, config.ppo).to(device)
+    actor = Actor(sizes, layout.sides[side].action_size, config.ppo).to(device)
     actor.model.load_state_dict(state["learner"]["ppo"]["actor_state_dict"])
     context = evaluation_context(side, seed, device)
-    return AdversaryPolicy(info, builder, actor, context), hooks
+    return AdversaryPolicy(info, builder, actor, context, hooks, methods)

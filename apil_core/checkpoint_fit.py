@@ -11,7 +11,10 @@ from apil_core.config import RunConfig
 from apil_core.config_io import flatten
 from apil_core.errors import RunDirError
 
-MAY_CHANGE = ("steps", "threads", "device", "recorders", "checkpoint", "evaluation", "plugins", "init_from")
+MAY_CHANGE = (
+    *("steps", "threads", "device", "recorders", "checkpoint", "evaluation", "plugins", "init_from"),
+    *("trust", "victim_sha256"),  # the latter is compared with the weights themselves
+)
 """Sections of a config that a run may change when it goes on."""
 
 POLICY_KEYS = ("method", "env", "ppo", "options", "victim_side")
@@ -33,7 +36,8 @@ def check_same_run(state: dict[str, Any], config: RunConfig, path: Path, keys: I
     ours = config.model_dump(mode="json")
     wanted = set(keys) or set(ours) - set(MAY_CHANGE)
     here = flatten({key: value for key, value in ours.items() if key in wanted})
-    there = flatten({key: value for key, value in state.get("config", {}).items() if key in wanted})
+    theirs = {**RunConfig().model_dump(mode="json"), **state.get("config", {})}  # older ones lack new keys
+    there = flatten({key: value for key, value in theirs.items() if key in wanted})
     different = [
         f"{key} ({there.get(key)!r} there, {here.get(key)!r} here)"
         for key in sorted(here.keys() | there.keys())

@@ -102,6 +102,10 @@ class RunConfig(Section):
     """Game; `apil games` lists them."""
     victim: str = "auto"
     """Policy under attack, e.g. zoo:kick-and-defend/kicker/v1; auto: the game's default."""
+    victim_sha256: str = ""
+    """SHA-256 of the victim's weights when the run began (filled in by the run); resuming refuses others."""
+    trust: bool = False
+    """Allow victims whose loading runs code, e.g. python:...; set by naming one on the command line."""
     victim_side: Literal[0, 1] | None = None
     """Which side is attacked; null: the game's default."""
     victim_actions: ActionMode = "sample"

@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypedDict
 
 import torch
 
-from apil_core import checkpoint
-from apil_core.build import BASELINES, adversary_policy, check_device, load_victim, victim_name, victim_side
-from apil_core.checkpoint_fit import POLICY_KEYS, check_same_run, fitting
+from apil_core.build import check_device
 from apil_core.config import ActionMode, RunConfig
 from apil_core.config_io import with_game_options
 from apil_core.errors import ConfigError, RunDirError
-from apil_core.files import sha256
 from apil_core.game import Game
 from apil_core.observation_filter import ObservationFilter
 from apil_core.play import Players, Seat
 from apil_core.plugins import PluginRegistry, discover
-from apil_core.policy import Policy, PolicyInfo
+from apil_core.policy import Policy
 from apil_core.registry import default_plugins, make_game
 from apil_core.run_hooks import RunHookManager
-from apil_core.rundir import RunDir
+from apil_core.seats import BASELINES, Taking, load_victim, run_victim, victim_side
 from apil_core.seeds import stream_generator, stream_seed
+from apil_core.trained import SCHEME, Source, run_path
 from apil_core.types import Context
 
 
@@ -38,7 +36,7 @@ class Pairing:
         game: not yet seeded.
         adversary, victim: the players.
         side: index of the adversary's seat.
-        hooks, victim_hooks: of the adversary's and the victim's run, or ``None`` for a named policy.
+        hooks: of the adversary's run, or ``None`` for a named policy.
         steps: the adversary was trained for, or ``None`` for a named policy.
     """
 
@@ -49,7 +47,6 @@ class Pairing:
     side: int
     hooks: RunHookManager | None = None
     steps: int | None = None
-    victim_hooks: RunHookManager | None = None
 
     @property
     def device(self) -> torch.device:
@@ -89,10 +86,7 @@ class Pairing:
     @contextmanager
     def attribution(self) -> Iterator[None]:
         """Put a plugin's name on what its hooks raise."""
-        with ExitStack() as stack:
-            for hooks in (self.hooks, self.victim_hooks):
-                if hooks is not None:
-                    stack.enter_context(hooks.attribution())
+        with nullcontext() if self.hooks is None else self.hooks.attribution():
             yield
 
     def close(self) -> None:
@@ -120,6 +114,7 @@ class PairingOptions(TypedDict, total=False):
     plugins: PluginRegistry | None
     plugin_files: Sequence[str]
     checkpoint_path: Path | None
+    trust: bool
 
 
 def load_pairing(
@@ -138,12 +133,13 @@ def load_pairing(
     plugins: PluginRegistry | None = None,
     plugin_files: Sequence[str] = (),
     checkpoint_path: Path | None = None,
+    trust: bool = False,
 ) -> Pairing:
     """Load an adversary, its victim and their game.
 
     Args:
-        adversary: a run directory, or a policy name such as ``"zoo:kick-and-defend/defender/v1"``;
-            ``"random"`` and ``"zero"`` do for either player.
+        adversary: a run (``DIR`` or ``run:DIR``), or a policy name such as
+            ``"zoo:kick-and-defend/defender/v1"``; ``"random"`` and ``"zero"`` do for either player.
         num_envs: games in parallel.
         env: the game; needed for a policy name, and only allowed to repeat a run's own.
         victim: policy name, or a run that trained this seat; default: the run's victim, or the game's.
@@ -156,81 +152,51 @@ def load_pairing(
         plugins: registry to use; default: installed plugins plus the run's one-file plugins.
         plugin_files: further one-file plugins.
         checkpoint_path: take this checkpoint of the run rather than its newest.
+        trust: allow ``adversary`` and ``victim`` to be names whose loading runs code of the user's.
 
     Raises:
         ApilError: anything wrong with the names, files, options or sizes given.
     """
     check_device(device)
     _check_numbers(seed=(seed, 0), num_envs=(num_envs, 1), threads=(threads, 0))
-    run_dir, stored = _stored(adversary, env)
-    if run_dir is None and checkpoint_path is not None:
-        raise ConfigError(f"{adversary} is no run: there is no checkpoint to choose")
+    source, stored = _stored(adversary, env, checkpoint_path)
     plugins = plugins or _plugins([stored, *_victims_config(victim)], plugin_files)
     config = with_game_options(stored, plugins, game_options, sets)
-    _adjust(config, victim, device, adversary_actions, victim_actions)
+    _adjust(config, victim, trust, device, adversary_actions, victim_actions)
     side = 1 - victim_side(config, plugins)
     game = make_game(config.env, num_envs=num_envs, threads=threads, options=config.game, plugins=plugins)
     try:
-        opponent, their_hooks = _load_victim(config, game, 1 - side, plugins, seed)
-        if run_dir is None:
-            named = load_victim(str(adversary), game, side, device, plugins)
-            return Pairing(config, game, named, opponent, side, victim_hooks=their_hooks)
-        trained, hooks, steps = _load_adversary(run_dir, config, game, plugins, seed, checkpoint_path)
-        return Pairing(config, game, trained, opponent, side, hooks, steps, their_hooks)
+        opponent = run_victim(config, game, plugins, seed)
+        if source is None:
+            taking = Taking(trust, stream_seed(seed, "adversary's hooks"), second=True)
+            named = load_victim(str(adversary), game, side, device, plugins, taking)
+            return Pairing(config, game, named, opponent, side)
+        name = f"{SCHEME}{source.run_dir.path}"
+        trained, steps = source.policy(config, game.layout, plugins, seed, name)
+        return Pairing(config, game, trained, opponent, side, trained.hooks, steps)
     except BaseException:
         game.close()
         raise
 
 
-def _load_adversary(
-    run_dir: RunDir, config: RunConfig, game: Game, plugins: PluginRegistry, seed: int, path: Path | None
-) -> tuple[Policy, RunHookManager, int]:
-    """The adversary of a run's newest (or given) checkpoint, its hooks, and its training steps."""
-    path = path or run_dir.newest_checkpoint()
-    state = checkpoint.read(path)
-    check_same_run(state, config, path, POLICY_KEYS)
-    side = 1 - victim_side(config, plugins)
-    seat = game.layout.sides[side]
-    info = PolicyInfo(f"run:{run_dir.path}", sha256(path), seat.observation_size, seat.action_size)
-    with fitting(path):
-        policy, hooks = adversary_policy(state, info, config, game, side, plugins, seed)
-    return policy, hooks, int(state["steps"])
-
-
-def _load_victim(
-    config: RunConfig, game: Game, side: int, plugins: PluginRegistry, seed: int
-) -> tuple[Policy, RunHookManager | None]:
-    """The policy in the victim's seat: a named one, or what a run trained for that seat, with its hooks."""
-    name = victim_name(config, plugins)
-    if not Path(name).is_dir():
-        return load_victim(name, game, side, config.device, plugins), None
-    run_dir = RunDir(name)
-    theirs = run_dir.config().model_copy(update={"device": config.device})
-    trained = 1 - victim_side(theirs, plugins)
-    if (theirs.env, trained) != (config.env, side):
-        seats = (plugins.game(theirs.env).sides[trained], game.layout.sides[side].name)
-        raise ConfigError(
-            f"{name} trained the {seats[0]} of {theirs.env}; it cannot be the {seats[1]} of {config.env}"
-        )
-    hook_seed = stream_seed(seed, "victim's hooks")  # not what the adversary's hooks draw from
-    policy, hooks, _ = _load_adversary(run_dir, theirs, game, plugins, hook_seed, None)
-    if hooks.fills("filter_observation"):
-        raise ConfigError(f"{name} filters what both sides see; it can only play as the adversary")
-    return policy, hooks
-
-
 def _victims_config(victim: str | None) -> list[RunConfig]:
-    return [RunDir(victim).config()] if victim is not None and Path(victim).is_dir() else []
+    path = None if victim is None else run_path(victim)
+    return [] if path is None else [Source.find(path).run_dir.config()]
 
 
-def _stored(adversary: Path | str, env: str | None) -> tuple[RunDir | None, RunConfig]:
+def _stored(
+    adversary: Path | str, env: str | None, checkpoint_path: Path | None
+) -> tuple[Source | None, RunConfig]:
     """The run behind ``adversary`` and its settings, or none and the defaults for a policy name."""
-    if Path(adversary).is_dir():
-        run_dir = RunDir(adversary)
-        config = run_dir.config()
+    path = run_path(adversary)
+    if path is not None:
+        source = Source.find(path, checkpoint_path)
+        config = source.run_dir.config()
         if env not in (None, config.env):
             raise ConfigError(f"{adversary} was trained on {config.env}; it cannot play {env}")
-        return run_dir, config
+        return source, config
+    if checkpoint_path is not None:
+        raise ConfigError(f"{adversary} is no run: there is no checkpoint to choose")
     if ":" not in str(adversary) and str(adversary) not in BASELINES:
         raise RunDirError(f"{adversary} is neither a run directory nor a policy name like zoo:GAME/ROLE/v1")
     if env is None:
@@ -252,13 +218,14 @@ def _check_numbers(**numbers: tuple[int, int]) -> None:
 def _adjust(
     config: RunConfig,
     victim: str | None,
+    trust: bool,
     device: str,
     adversary_actions: ActionMode | None,
     victim_actions: ActionMode | None,
 ) -> None:
     config.device = device
     if victim is not None:
-        config.victim = victim
+        config.victim, config.victim_sha256, config.trust = victim, "", trust
     if adversary_actions is not None:
         config.evaluation.adversary_actions = adversary_actions
     if victim_actions is not None:

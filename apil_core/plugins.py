@@ -81,7 +81,7 @@ class PluginRegistry:
             getattr(self, kind).update(specs)
             setattr(record, kind, tuple(specs))
 
-    def add_failure(self, record: PluginRecord, error: Exception) -> None:
+    def add_failure(self, record: PluginRecord, error: BaseException) -> None:
         """Record a plugin that could not even be imported."""
         self._reject(record, error)
 
@@ -142,7 +142,7 @@ class PluginRegistry:
                     owner = next(r.name for r in self.records if name in getattr(r, kind))
                     raise PluginError(f"{kind[:-1]} {name!r} is already offered by plugin {owner!r}")
 
-    def _reject(self, record: PluginRecord, error: Exception) -> None:
+    def _reject(self, record: PluginRecord, error: BaseException) -> None:
         reason = " ".join(str(error).split()) or "no message"
         record.error = reason if isinstance(error, PluginError) else f"{type(error).__name__}: {reason}"
         self.records.append(record)
@@ -174,7 +174,7 @@ def _ask(record: PluginRecord, plugin: Any) -> dict[str, dict[str, Any]]:
     return offers
 
 
-def discover(files: Sequence[str | Path] = ()) -> PluginRegistry:
+def discover(files: Sequence[str | Path] = (), *, forgiving: bool = False) -> PluginRegistry:
     """Find all plugins: entry points of group ``apil``, then one-file plugins.
 
     A plugin that fails is recorded with its error and left out; ``APIL_STRICT_PLUGINS=1`` raises.
@@ -182,6 +182,7 @@ def discover(files: Sequence[str | Path] = ()) -> PluginRegistry:
     Args:
         files: paths of one-file plugins (``--plugin FILE.py``); a missing file raises ``PluginError``,
             since the user asked for that very file.
+        forgiving: record such files like any other broken plugin instead.
     """
     registry = PluginRegistry()
     entry_points = importlib.metadata.entry_points(group=ENTRY_POINT_GROUP)
@@ -193,32 +194,33 @@ def discover(files: Sequence[str | Path] = ()) -> PluginRegistry:
             continue
         try:
             plugin = entry_point.load()
-        except Exception as error:
+        except (Exception, SystemExit) as error:  # a script that was never meant to be imported
             registry.add_failure(record, error)
         else:
             registry.add(record, plugin)
     # a run brings its files along, and a flag may name the same one again
     for file in {Path(file).resolve(): Path(file) for file in files}.values():
-        _add_file(registry, file)
+        record = _add_file(registry, file)
+        if record.error is not None and not forgiving:
+            raise PluginError(f"--plugin {file}: {record.error}")
     return registry
 
 
-def _add_file(registry: PluginRegistry, path: Path) -> None:
-    if not path.is_file():
-        raise PluginError(f"--plugin {path}: no such file")
+def _add_file(registry: PluginRegistry, path: Path) -> PluginRecord:
     record = PluginRecord(path.stem, "", f"file {path.resolve()}")
     try:
         plugin = import_file(path)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         registry.add_failure(record, error)
     else:
         registry.add(record, plugin)
-    if record.error is not None:
-        raise PluginError(f"--plugin {path}: {record.error}")
+    return record
 
 
 def import_file(path: Path) -> Any:
     """Import a one-file plugin under its stem, so that its specs can name ``"<stem>:Class"``."""
+    if not path.is_file():
+        raise PluginError("no such file")
     name = path.stem
     loaded = sys.modules.get(name)
     if loaded is not None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from typing import Any
 
 import torch
-from torch import Tensor
 
 from apil_core.types import Decision, View
 
@@ -16,10 +16,12 @@ class PolicyInfo:
     """Identity of a policy, stored with every score.
 
     Attributes:
-        name: full name, e.g. ``"zoo:kick-and-defend/kicker/v1"``.
+        name: full name, e.g. ``"zoo:kick-and-defend/kicker/v1"``, by which it can be loaded again (paths in
+            it are absolute); a run stores it.
         sha256: of the weights the policy was made from.
         observation_size, action_size: what it reads and gives.
         provenance: where it came from, for people.
+        action_bounds: lowest and highest action it was made for, if it says so; a seat must have the same.
     """
 
     name: str
@@ -27,6 +29,7 @@ class PolicyInfo:
     observation_size: int
     action_size: int
     provenance: dict[str, str] = field(default_factory=dict)
+    action_bounds: tuple[float, float] | None = None
 
 
 class Policy(ABC):
@@ -60,9 +63,15 @@ class Policy(ABC):
         """Move weights and state to ``device``; returns self."""
         return self
 
-    def recurrent_state(self) -> dict[str, Tensor]:
-        """State carried between steps (empty for feed-forward policies), for exact resume."""
+    def seed(self, seed: int) -> None:  # noqa: B027  (optional)
+        """Restart random generators of the policy's own, if it has any beside :meth:`act`'s argument."""
+
+    def recurrent_state(self) -> dict[str, Any]:
+        """State carried between steps (empty for feed-forward policies), for exact resume.
+
+        Tensors, numbers, strings and dicts of them; the generators that :meth:`seed` restarts included.
+        """
         return {}
 
-    def load_recurrent_state(self, state: dict[str, Tensor]) -> None:  # noqa: B027  (optional)
-        """Restore what :meth:`recurrent_state` gave."""
+    def load_recurrent_state(self, state: dict[str, Any]) -> None:  # noqa: B027  (optional)
+        """Restore what :meth:`recurrent_state` gave; an empty one forgets all games."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from apil_core.errors import ApilError, ConfigError, PluginError, UnknownNameError
-from apil_core.game import Game
+from apil_core.errors import ApilError, ConfigError, PluginError, UnknownNameError, VictimError
+from apil_core.game import Game, SideLayout
 from apil_core.plugins import PluginRegistry, discover
 from apil_core.specs import GameSpec, MethodSpec, load
 
@@ -77,19 +77,42 @@ def make_game(
     return game
 
 
-def load_policy(name: str, *, device: str = "cpu", plugins: PluginRegistry | None = None) -> Policy:
+def load_policy(
+    name: str,
+    *,
+    device: str = "cpu",
+    plugins: PluginRegistry | None = None,
+    seat: SideLayout | None = None,
+    trust: bool = False,
+) -> Policy:
     """Load a policy by its full name, e.g. ``"zoo:kick-and-defend/kicker/v1"``.
+
+    Args:
+        name: scheme, colon, and whatever the scheme asks for.
+        device: where it is to live.
+        plugins: who knows the schemes; default: the installed plugins.
+        seat: it is wanted for; formats that do not state their own sizes need it.
+        trust: allow names whose loading runs code of the user's.
 
     Raises:
         UnknownNameError: no plugin knows the scheme.
-        VictimError: the weights are missing or damaged.
+        VictimError: the weights are missing or damaged; or loading would run code and ``trust`` is false.
     """
     registry = plugins or default_plugins()
     scheme, colon, rest = name.partition(":")
     if not colon or scheme not in registry.policies:
         known = [f"{s}:…" for s in registry.policies]
         raise UnknownNameError("policy", name, known)
-    policy: Policy = load(registry.policies[scheme].loader)(rest)
+    spec = registry.policies[scheme]
+    if spec.runs_code and not trust:
+        raise VictimError(
+            f"{name} runs code when it is loaded: name it on the command line, or set `trust: true` "
+            "in the configuration (in Python: trust=True)"
+        )
+    extras: dict[str, Any] = {"seat": seat} if spec.seat else {}
+    if spec.plugins:
+        extras |= {"plugins": registry, "device": device}
+    policy: Policy = load(spec.loader)(rest, **extras)
     return policy.to(device)
 
 

@@ -44,7 +44,8 @@ def run(
         ApilError: anything wrong in config, plugins, weights or directory, before training starts.
     """
     registry = plugins or _plugins(config)
-    config = complete(config, registry)
+    # settings copied from another run bring the hash of that one's victim along
+    config = complete(config, registry).model_copy(update={"victim_sha256": ""})
     trainer = _trainer(config, registry)
     if config.init_from is not None:
         _initialise(trainer, config.init_from)
@@ -97,7 +98,7 @@ def resume(
         truncate_metrics(directory.metrics_path, state["iteration"])
         directory.abandon_after(state["iteration"])
         directory.retire_result()
-        directory.write_config(config, registry)
+        directory.write_config(trainer.config, registry)
         directory.note_environment(command)
         progress = progress or Progress()
         if config.steps != stored.steps:

@@ -13,13 +13,13 @@ from typing import Any, Literal
 from pydantic import BaseModel
 
 from apil_core import checkpoint
-from apil_core.build import victim_name
 from apil_core.errors import ApilError
 from apil_core.evaluation import EvaluationResult
 from apil_core.files import sha256
 from apil_core.plugins import PluginRegistry
 from apil_core.progress import Progress
 from apil_core.rundir import RunDir
+from apil_core.seats import victim_name
 from apil_core.specs import load
 from apil_core.torch_threads import one_torch_thread
 from apil_core.trainer import Trainer

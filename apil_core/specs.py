@@ -141,12 +141,20 @@ class PolicySpec:
             returns a :class:`apil_core.Policy` on the CPU or raises :class:`apil_core.VictimError`.
         lister: ``"module:callable"`` returning ``list[PolicyListing]``, or ``None``.
         summary: one line.
+        seat: the loader also gets ``seat=``, the :class:`apil_core.SideLayout` the policy is wanted for,
+            or ``None`` where that is not known; for formats that do not state their own sizes.
+        plugins: the loader also gets ``plugins=`` (a registry) and ``device=`` and puts the policy there;
+            for policies that are made of methods.
+        runs_code: loading runs code of the user's: refused unless trusted.
     """
 
     scheme: str
     loader: str
     lister: str | None = None
     summary: str = ""
+    seat: bool = False
+    plugins: bool = False
+    runs_code: bool = False
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from apil_core.build import Attack, adversary_policy, load_victim, victim_name
+from apil_core.build import Attack, adversary_policy
 from apil_core.errors import PluginError
 from apil_core.evaluation import MAX_PARALLEL_GAMES, EvaluationResult, score
 from apil_core.learner import MAIN_STREAM
@@ -18,6 +18,7 @@ from apil_core.plugins import PluginRegistry
 from apil_core.policy import Policy, PolicyInfo
 from apil_core.progress import Progress
 from apil_core.registry import make_game
+from apil_core.seats import run_victim
 from apil_core.side_games import SideGames
 from apil_core.types import Rollout
 
@@ -166,14 +167,13 @@ class Trainer:
                 options=config.game,
                 plugins=self.plugins,
             )
-            opponent = victim_name(config, self.plugins)
             try:
-                victim = load_victim(opponent, game, 1 - side, config.device, self.plugins)
+                victim = run_victim(config, game, self.plugins, config.seed)
                 state = copy.deepcopy(self._policy_state())
-                adversary, hooks = adversary_policy(
-                    state, info, config, game, side, self.plugins, config.seed
+                adversary = adversary_policy(
+                    state, info, config, game.layout, side, self.plugins, config.seed
                 )
-                pairing = Pairing(config, game, adversary, victim, side, hooks, self.steps)
+                pairing = Pairing(config, game, adversary, victim, side, adversary.hooks, self.steps)
                 result = score(pairing, episodes=episodes, seed=config.seed, progress=progress)
             finally:
                 game.close()

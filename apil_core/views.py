@@ -216,14 +216,15 @@ class OpponentInsideEnv(gymnasium.Env[Array, Array]):
         self._first = True
         self._seeded = False
 
-    @staticmethod
-    def _load(opponent: Policy | str | None) -> Policy:
+    def _load(self, opponent: Policy | str | None) -> Policy:
         if opponent is None:
             raise ConfigError("OpponentInsideEnv needs an opponent: a policy or the name of one")
         if isinstance(opponent, str):
             from apil_core.registry import load_policy
+            from apil_core.seats import full_name
 
-            return load_policy(opponent)
+            seat = self._game.layout.sides[1 - self._side]
+            return load_policy(full_name(opponent, seat), seat=seat)
         return opponent
 
     def reset(
@@ -235,6 +236,7 @@ class OpponentInsideEnv(gymnasium.Env[Array, Array]):
             start = secrets.randbits(32) if seed is None else seed
             self._game.seed(start)
             self._generator.manual_seed(start)
+            self._opponent.seed(start)
             self._seeded = True
         self._game.reset()
         self._first = True

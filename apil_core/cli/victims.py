@@ -1,4 +1,4 @@
-"""``apil victims list | import | download``."""
+"""``apil victims list | check | import | download``."""
 
 from __future__ import annotations
 
@@ -15,8 +15,12 @@ from apil_core.cli.output import console, print_json, table
 if TYPE_CHECKING:
     from apil_core.specs import PolicyListing
     from apil_core.victims.importer import ImportRow
+    from apil_core.victims.inspection import Inspection
 
-app = sub_app("victims", "List, import and download victim weights.")
+CANNOT_PLAY = 2
+"""Exit code of ``check`` where the policy cannot take the seat."""
+
+app = sub_app("victims", "List, check, import and download victims.")
 
 
 @app.command(name="list")
@@ -34,6 +38,28 @@ def list_(*, plugin: Plugins | None = None, as_json: Json = False) -> None:
     out.print(shown)
     if not all(row.available for row in rows):
         out.print("missing ones: apil victims import DIR, or: apil victims download")
+
+
+@app.command
+def check(
+    name: Annotated[str, Parameter(name="NAME", help="Policy, e.g. onnx:FILE, or a run directory.")],
+    /,
+    *,
+    env: Annotated[str, Parameter(alias="-e", help="Game it is to play.")],
+    side: Annotated[str | None, Parameter(help="Its side [default: the one that is attacked].")] = None,
+    plugin: Plugins | None = None,
+    as_json: Json = False,
+) -> int:
+    """Load a policy and try whether it can take a seat: sizes, bounds, memory, speed, and what is wrong."""
+    from apil_core.plugins import discover
+    from apil_core.victims.inspection import inspect_policy
+
+    found = inspect_policy(name, env, side, discover(plugin or []), trust=True)
+    if as_json:
+        print_json(found)
+    else:
+        _print_inspection(found)
+    return CANNOT_PLAY if found.errors else 0
 
 
 @app.command(name="import")
@@ -86,6 +112,30 @@ def _listings(plugin: list[Path]) -> list[PolicyListing]:
 
     specs = discover(plugin).policies.values()
     return [row for spec in specs if spec.lister for row in load(spec.lister)()]
+
+
+def _print_inspection(found: Inspection) -> None:
+    out = console()
+    bounds = "not stated" if found.action_bounds is None else "{:g} to {:g}".format(*found.action_bounds)
+    facts = {
+        "policy": found.name,
+        "sha256": found.sha256[:12],
+        "seat": f"{found.side} of {found.game}",
+        "observations": str(found.observation_size),
+        "actions": f"{found.action_size}, bounds {bounds}",
+    }
+    if found.steps_per_second is not None:
+        facts["memory"] = "recurrent" if found.recurrent else "none"
+        facts["draws"] = "stochastic" if found.stochastic else "deterministic"
+        facts["speed"] = f"{found.steps_per_second:,.0f} steps/s with 128 games"
+    facts |= {key: value for key, value in found.provenance.items() if key not in facts}
+    for key, value in facts.items():
+        out.print(f"{key:<13} {value}", markup=False)
+    for kind, lines in (("error", found.errors), ("note", found.notes)):
+        for line in lines:
+            out.print(f"{kind + ':':<13} {line}", markup=False)
+    if not found.errors:
+        out.print("it can take this seat")
 
 
 def _report(rows: list[ImportRow], as_json: bool) -> None:

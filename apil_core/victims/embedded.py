@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,7 +23,6 @@ def folder() -> Path:
     return Path(str(files(__package__))) / "students"
 
 
-@cache
 def known() -> dict[str, Path]:
     """Every student by its name without the scheme, sorted."""
     found = sorted(folder().glob("*/*/*.safetensors"))

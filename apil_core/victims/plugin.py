@@ -8,7 +8,7 @@ from apil_core.specs import PolicySpec
 
 @hookimpl
 def register_policies() -> list[PolicySpec]:
-    """Offer ``zoo:`` and ``embedded:<game>/<side>/<version>``, and ``baseline:<kind>/<observations>x<actions>``."""
+    """Offer ``zoo:`` and ``embedded:<game>/<side>/<version>``, and ``baseline:<kind>/OxA``."""
     return [
         PolicySpec(
             scheme="zoo",

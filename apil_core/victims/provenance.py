@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 
 def provenance_of(metadata: Mapping[str, str]) -> dict[str, str]:
-    """The JSON object under ``provenance`` in a file's metadata, values as text; empty where there is none."""
+    """The JSON object under ``provenance`` in a file's metadata, values as text, or nothing."""
     try:
         told = json.loads(metadata.get("provenance", "{}"))
     except json.JSONDecodeError:

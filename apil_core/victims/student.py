@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -17,7 +18,7 @@ from apil_core.errors import VictimError
 from apil_core.files import write_atomically
 from apil_core.policy import PolicyInfo
 from apil_core.victims.provenance import provenance_of
-from apil_core.victims.student_policy import StudentPolicy, StudentShape, Weights
+from apil_core.victims.student_policy import Kind, StudentPolicy, StudentShape, Weights
 
 FORMAT = "apil-student-1"
 """Metadata ``format`` of the files; the number is raised when older code could misread one."""
@@ -84,9 +85,23 @@ def _shape(metadata: Mapping[str, str], where: str) -> StudentShape:
         raise VictimError(f"{where} has format {found!r}, expected {FORMAT!r}")
     try:
         values = json.loads(metadata["shape"])
-        return StudentShape(**{**values, "hidden": tuple(values["hidden"])})
+        shape = StudentShape(**{**values, "hidden": tuple(values["hidden"])})
+        _plausible(shape)
     except (KeyError, TypeError, ValueError) as error:
         raise VictimError(f"{where}: its metadata are damaged ({error})") from error
+    return shape
+
+
+def _plausible(shape: StudentShape) -> None:
+    """What the tensors' sizes do not tell.
+
+    Raises:
+        ValueError: not a shape that can act.
+    """
+    if shape.kind not in get_args(Kind):
+        raise ValueError(f"kind {shape.kind!r} is none of {', '.join(get_args(Kind))}")
+    if not isinstance(shape.clip, (int, float)) or not 0 < shape.clip < math.inf:
+        raise ValueError(f"clip {shape.clip!r} is no positive number")
 
 
 def _verify(weights: Weights, shape: StudentShape, metadata: Mapping[str, str], where: str) -> None:

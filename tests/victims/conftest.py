@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,8 +14,11 @@ from numpy.typing import NDArray
 
 from apil_core.victims import catalogue
 from apil_core.victims.layout import vector_length
+from victims.zoo_server import ZooServer, serving
 
 Vectors = dict[str, NDArray[np.float32]]
+
+COMMIT = "b2e081a192429913b7d21a89525901d59c85e7f3"
 
 # one of each network, both robots, and the one that upstream misnames
 MADE_UP = (
@@ -61,6 +64,25 @@ def made_up_zoo(tmp_path: Path, vectors: Vectors, monkeypatch: pytest.MonkeyPatc
         file.write_bytes(data)
     monkeypatch.setattr(catalogue, "entries", lambda: known)
     return tmp_path / "upstream"
+
+
+@pytest.fixture
+def only_made_up(made_up_zoo: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The whole zoo is the four made-up agents; below a folder named like the pinned commit."""
+    known = {n: entry for n, entry in catalogue.entries().items() if (made_up_zoo / entry.file).exists()}
+    monkeypatch.setattr(catalogue, "entries", lambda: known)
+    (made_up_zoo / COMMIT).mkdir()
+    (made_up_zoo / "agent-zoo").rename(made_up_zoo / COMMIT / "agent-zoo")
+    return made_up_zoo / COMMIT
+
+
+@pytest.fixture
+def server(only_made_up: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ZooServer]:
+    """Serves the made-up agents."""
+    for name in ("NO_PROXY", "no_proxy"):
+        monkeypatch.setenv(name, "127.0.0.1")
+    with serving(only_made_up.parent) as running:
+        yield running
 
 
 @pytest.fixture

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import logging
 import socket
-import threading
-from collections.abc import Callable, Iterator
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from collections.abc import Callable
 from pathlib import Path
 
 import pooch
@@ -15,17 +12,11 @@ import pytest
 
 from apil_core import UnknownNameError, VictimError
 from apil_core.victims import cache, catalogue, store
+from victims.conftest import COMMIT
+from victims.zoo_server import ZooServer
 
-COMMIT = "b2e081a192429913b7d21a89525901d59c85e7f3"
 KICKER = "kick-and-defend/kicker/v1"
 ANTS = ["sumo-ants", "run-to-goal-ants"]
-
-
-class Handler(SimpleHTTPRequestHandler):
-    served: list[str]
-
-    def log_message(self, format: str, *args: object) -> None:
-        self.served.append(self.path)
 
 
 @pytest.fixture(autouse=True)
@@ -34,54 +25,32 @@ def direct(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("no_proxy", "127.0.0.1")
 
 
-@pytest.fixture
-def only_made_up(made_up_zoo: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The whole zoo is the four made-up agents."""
-    known = {n: entry for n, entry in catalogue.entries().items() if (made_up_zoo / entry.file).exists()}
-    monkeypatch.setattr(catalogue, "entries", lambda: known)
-    (made_up_zoo / COMMIT).mkdir()
-    (made_up_zoo / "agent-zoo").rename(made_up_zoo / COMMIT / "agent-zoo")
-    return made_up_zoo / COMMIT
-
-
-@pytest.fixture
-def server(only_made_up: Path) -> Iterator[str]:
-    handler = partial(Handler, directory=str(only_made_up.parent))
-    Handler.served = []
-    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as http:
-        thread = threading.Thread(target=http.serve_forever, kwargs={"poll_interval": 0.01})
-        thread.start()
-        yield f"http://127.0.0.1:{http.server_port}/{{commit}}/"
-        http.shutdown()
-        thread.join()
-
-
-def test_whole_zoo(server: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_whole_zoo(server: ZooServer, capsys: pytest.CaptureFixture[str]) -> None:
     level = pooch.get_logger().level
-    rows = store.download_zoo(base_url=server)
+    rows = store.download_zoo(base_url=server.url)
     assert {row.name for row in rows} == {f"zoo:{name}" for name in catalogue.entries()}
     for row in rows:
         assert store.load(row.name.removeprefix("zoo:")).info.sha256 == row.sha256
-        assert row.source.startswith(server.format(commit=COMMIT) + "agent-zoo/")
+        assert row.source.startswith(server.url.format(commit=COMMIT) + "agent-zoo/")
     assert capsys.readouterr() == ("", "")
     assert pooch.get_logger().level == level
     assert level != logging.WARNING
 
 
-def test_only_what_is_missing_or_damaged(server: str, damage: Callable[[Path, int], None]) -> None:
-    store.download_zoo(base_url=server)
-    Handler.served.clear()
-    assert store.download_zoo(base_url=server) == []
-    assert Handler.served == []
+def test_only_what_is_missing_or_damaged(server: ZooServer, damage: Callable[[Path, int], None]) -> None:
+    store.download_zoo(base_url=server.url)
+    server.served.clear()
+    assert store.download_zoo(base_url=server.url) == []
+    assert server.served == []
     damage(cache.cached_file(catalogue.entries()[KICKER]), -1)
-    assert [row.name for row in store.download_zoo(base_url=server)] == [f"zoo:{KICKER}"]
-    assert len(Handler.served) == 1
+    assert [row.name for row in store.download_zoo(base_url=server.url)] == [f"zoo:{KICKER}"]
+    assert len(server.served) == 1
 
 
-def test_chosen_games_and_a_base_without_slash(server: str) -> None:
-    rows = store.download_zoo(games=ANTS, base_url=server.rstrip("/").format(commit=COMMIT))
+def test_chosen_games_and_a_base_without_slash(server: ZooServer) -> None:
+    rows = store.download_zoo(games=ANTS, base_url=server.url.rstrip("/").format(commit=COMMIT))
     assert {row.name for row in rows} == {"zoo:sumo-ants/fighter/v1", "zoo:run-to-goal-ants/runner_0/v1"}
-    assert len(Handler.served) == 2
+    assert len(server.served) == 2
 
 
 def test_unknown_game() -> None:
@@ -89,10 +58,10 @@ def test_unknown_game() -> None:
         store.download_zoo(games=["sumo-ant"])
 
 
-def test_wrong_sum(server: str, only_made_up: Path, damage: Callable[[Path, int], None]) -> None:
+def test_wrong_sum(server: ZooServer, only_made_up: Path, damage: Callable[[Path, int], None]) -> None:
     damage(only_made_up / catalogue.entries()[KICKER].file, -500)
     with pytest.raises(VictimError) as caught:
-        store.download_zoo(base_url=server)
+        store.download_zoo(base_url=server.url)
     message = str(caught.value)
     assert "\n" not in message
     assert catalogue.entries()[KICKER].file in message
@@ -102,10 +71,10 @@ def test_wrong_sum(server: str, only_made_up: Path, damage: Callable[[Path, int]
     assert sum(row.available for row in store.list_zoo()) == 3
 
 
-def test_file_missing_on_the_server(server: str, only_made_up: Path) -> None:
+def test_file_missing_on_the_server(server: ZooServer, only_made_up: Path) -> None:
     (only_made_up / catalogue.entries()[KICKER].file).unlink()
     with pytest.raises(VictimError, match=r"kicker/agent1_parameters-v1.pkl \(HTTP 404\)"):
-        store.download_zoo(base_url=server)
+        store.download_zoo(base_url=server.url)
     assert sum(row.available for row in store.list_zoo()) == 3
 
 

@@ -1,0 +1,151 @@
+"""A trained adversary in one safetensors file: weights, statistics and methods' state, and what it needs.
+
+Nothing in it is code. Loading builds the adversary from the plugins that are installed, so the plugin of
+its method must be among them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import torch
+from pydantic import ValidationError
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor
+
+from apil_core.adversary import AdversaryPolicy
+from apil_core.build import adversary_policy
+from apil_core.checkpoint_fit import fitting
+from apil_core.config import RunConfig
+from apil_core.errors import ApilError, ConfigError, VictimError
+from apil_core.game import GameLayout, SideLayout
+from apil_core.plugins import PluginRegistry
+from apil_core.policy import PolicyInfo
+from apil_core.victims.foreign.origin import Origin, one_line
+
+FORMAT = "apil-adversary-1"
+
+_PARTS = ("groups", "builder", "methods", "learner")
+
+
+def to_bytes(
+    state: Mapping[str, Any], config: RunConfig, layout: GameLayout, side: int, provenance: Mapping[str, str]
+) -> bytes:
+    """The file's content.
+
+    Args:
+        state: of a checkpoint.
+        config: the run's.
+        layout: of its game.
+        side: the adversary's.
+        provenance: where it came from, for people.
+    """
+    actor = {"ppo": {"actor_state_dict": state["learner"]["ppo"]["actor_state_dict"]}}
+    tensors: dict[str, Tensor] = {}
+    tree = _take_out({**{part: state[part] for part in _PARTS}, "learner": actor}, "state", tensors)
+    metadata = {
+        "format": FORMAT,
+        "state": json.dumps(tree),
+        "config": config.model_dump_json(),
+        "layout": json.dumps(_plain_layout(layout)),
+        "side": str(side),
+        "provenance": json.dumps(dict(provenance)),
+    }
+    return save(tensors, metadata)
+
+
+def load_file(
+    origin: Origin, *, seat: SideLayout | None, plugins: PluginRegistry, device: str
+) -> AdversaryPolicy:
+    """The adversary in a file.
+
+    Args:
+        origin: name, hash and path.
+        seat: it is wanted for.
+        plugins: must offer its method.
+        device: of the networks.
+
+    Raises:
+        VictimError: the file is damaged, or made for another seat; or no plugin offers its method.
+    """
+    try:
+        with safe_open(origin.path, framework="pt") as file:
+            metadata: dict[str, str] = file.metadata() or {}
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118  (no mapping)
+        state = _put_back(json.loads(metadata["state"]), tensors)
+        config = RunConfig.model_validate_json(metadata["config"])
+        layout, side = _layout(json.loads(metadata["layout"])), int(metadata["side"])
+        provenance = json.loads(metadata["provenance"])
+    except (SafetensorError, OSError, ValueError, KeyError, TypeError, ValidationError) as error:
+        raise origin.wrong(f"a file of format {FORMAT}", f"a damaged one ({one_line(error)})") from error
+    trained = layout.sides[side]
+    if seat not in (None, trained):
+        raise ConfigError(f"{origin.name} is the {trained.name} of {config.env}; this is another seat")
+    if config.method not in plugins.methods:
+        raise VictimError(
+            f"{origin.name} needs the plugin that offers method {config.method!r} (known: "
+            f"{', '.join(sorted(plugins.methods))}); install it, or name its file with --plugin FILE"
+        )
+    sizes = trained.observation_size, trained.action_size
+    bounds = (trained.action_low, trained.action_high)
+    info = PolicyInfo(origin.name, origin.sha256, *sizes, provenance, bounds)
+    config = config.model_copy(update={"device": device, "plugins": ()})
+    try:
+        with torch.random.fork_rng(devices=[]), fitting(origin.path):
+            policy = adversary_policy(state, info, config, layout, side, plugins, 0)
+    except ApilError as error:
+        raise VictimError(f"{origin.name}: {error}") from error
+    if policy.hooks.fills("filter_observation"):
+        raise ConfigError(f"{origin.name} filters what both sides see; it can only play from its run")
+    return policy
+
+
+def _take_out(value: Any, place: str, tensors: dict[str, Tensor]) -> Any:
+    """``value`` as JSON, its tensors moved to ``tensors`` and named after their place."""
+    if isinstance(value, Tensor):
+        tensors[place] = value.detach().cpu().contiguous().clone()
+        return {"tensor": place}
+    if isinstance(value, Mapping):  # keys need not be texts: optimisers count
+        pairs = [[key, _take_out(item, f"{place}.{key}", tensors)] for key, item in value.items()]
+        return {"mapping": pairs}
+    if isinstance(value, (list, tuple)):
+        kind = "tuple" if isinstance(value, tuple) else "list"
+        return {kind: [_take_out(item, f"{place}.{i}", tensors) for i, item in enumerate(value)]}
+    return {"value": value}
+
+
+def _put_back(tree: dict[str, Any], tensors: Mapping[str, Tensor]) -> Any:
+    ((kind, content),) = tree.items()
+    if kind == "tensor":
+        return tensors[content]
+    if kind == "mapping":
+        return {key: _put_back(item, tensors) for key, item in content}
+    if kind in ("list", "tuple"):
+        items = [_put_back(item, tensors) for item in content]
+        return tuple(items) if kind == "tuple" else items
+    return content
+
+
+def _plain_layout(layout: GameLayout) -> dict[str, Any]:
+    plain = asdict(layout)
+    for side in plain["sides"]:
+        side["blocks"] = {name: [part.start, part.stop] for name, part in side["blocks"].items()}
+    return plain
+
+
+def _layout(plain: dict[str, Any]) -> GameLayout:
+    first, second = (
+        SideLayout(
+            **{
+                **side,
+                "blocks": {name: slice(*ends) for name, ends in side["blocks"].items()},
+                "opponent_channels": tuple(side["opponent_channels"]),
+            }
+        )
+        for side in plain["sides"]
+    )
+    return GameLayout((first, second), plain["max_steps"], tuple(plain["causes"]))

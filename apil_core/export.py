@@ -1,0 +1,201 @@
+"""The way out: a run's adversary as one file that other programs, or ``apil`` itself, can load.
+
+ONNX and TorchScript files hold the whole way from raw observations to the action's distribution:
+methods' modules (APIL's imitator), normalisation, actor. What the network reads besides its own
+observation (the opponent's, for APIL) becomes a further input, named in the file's signature.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Literal
+
+import torch
+
+from apil_core import checkpoint
+from apil_core.adversary_file import to_bytes
+from apil_core.config import RunConfig
+from apil_core.errors import ApilError, ConfigError
+from apil_core.exported_network import Traced, onnx_bytes, torchscript_bytes, trace
+from apil_core.extras import need_extra
+from apil_core.files import write_atomically
+from apil_core.game import Game
+from apil_core.plugins import PluginRegistry, discover
+from apil_core.policy import Policy
+from apil_core.registry import default_plugins, load_policy, make_game
+from apil_core.seats import victim_side
+from apil_core.seeds import stream_seed
+from apil_core.trained import Source, run_path
+from apil_core.types import View
+
+Format = Literal["onnx", "torchscript", "safetensors"]
+
+SUFFIXES: Mapping[Format, str] = {"onnx": ".onnx", "torchscript": ".pt", "safetensors": ".safetensors"}
+TOLERANCE = 1e-5
+"""Largest difference between the run's actions and the file's."""
+
+_GAMES, _STEPS = 8, 32
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was written.
+
+    Attributes:
+        file: where it is.
+        name: by which ``apil`` loads it.
+        sha256: of the file.
+        reads: inputs of the network, in order; empty for safetensors.
+        difference: largest deviation from the run's mean actions on observations of real games.
+        provenance: as stored in the file.
+    """
+
+    file: Path
+    name: str
+    sha256: str
+    reads: tuple[str, ...]
+    difference: float
+    provenance: dict[str, str]
+
+
+def export(
+    run: Path | str,
+    format: Format,
+    out: Path | None = None,
+    *,
+    checkpoint_path: Path | None = None,
+    plugin_files: tuple[str, ...] = (),
+) -> Exported:
+    """Write the adversary of a run to a file, load the file again, and compare the two in real games.
+
+    Args:
+        run: its directory.
+        format: ``"onnx"``, ``"torchscript"`` or ``"safetensors"``.
+        out: the file; default: ``adversary`` with the format's suffix, in the run's directory.
+        checkpoint_path: take this checkpoint rather than the newest.
+        plugin_files: further one-file plugins.
+
+    Raises:
+        ApilError: there is no such run, it cannot be expressed in that format, or what was written does
+            not act as the run does (then nothing is left behind).
+    """
+    path = run_path(run)
+    if path is None:
+        raise ConfigError(f"{run} is no run directory; apil export takes what `apil run` wrote")
+    source = Source.find(path, checkpoint_path)
+    out = (out or source.run_dir.path / f"adversary{SUFFIXES[format]}").absolute()
+    if out.is_dir() or not out.parent.is_dir():
+        raise ConfigError(
+            f"--out {out}: {'is a directory' if out.is_dir() else f'no directory {out.parent}'}"
+        )
+    if format == "onnx":
+        need_extra("onnxruntime", "onnx", "ONNX exports")  # each is tried in it
+    config = source.run_dir.config().model_copy(update={"device": "cpu"})
+    files = [*config.plugins, *plugin_files]
+    plugins = discover(files) if files else default_plugins()
+    game = make_game(config.env, num_envs=_GAMES, threads=1, options=config.game, plugins=plugins)
+    try:
+        return _Export(source, config, plugins, game).write(format, out)
+    finally:
+        game.close()
+
+
+class _Export:
+    """One run on its way out."""
+
+    def __init__(self, source: Source, config: RunConfig, plugins: PluginRegistry, game: Game):
+        self.source = source
+        self.config = config
+        self.plugins = plugins
+        self.layout = game.layout
+        self.side = 1 - victim_side(config, plugins)
+        self.seat = game.layout.sides[self.side]
+        self.policy, self.steps = source.policy(config, game.layout, plugins, 0, "run")
+        if self.policy.hooks.fills("filter_observation"):
+            raise ConfigError(
+                f"{source.run_dir.path} filters what both sides see; it can only play from its run"
+            )
+        self.views = _views(game, self.side)
+        self.provenance = {
+            "run": source.run_dir.path.absolute().name,  # the rest of the path is nobody's business
+            "checkpoint": source.path.name,
+            "checkpoint_sha256": self.policy.info.sha256,
+            "steps": str(self.steps),
+            "method": config.method,
+            "game": config.env,
+            "side": self.seat.name,
+            "victim": config.victim,
+            "apil": metadata.version("apil"),
+            "torch": metadata.version("torch"),
+        }
+
+    def write(self, format: Format, out: Path) -> Exported:
+        reads: tuple[str, ...] = ()
+        if format == "safetensors":
+            state = checkpoint.read(self.source.path)
+            content = to_bytes(state, self.config, self.layout, self.side, self.provenance)
+        else:
+            traced = trace(self.policy, self.seat, self.views[0], self.provenance)
+            reads = traced.signature.reads
+            content = self._network(format, traced)
+        part = out.with_name(f".{out.name}.part")
+        write_atomically(part, lambda file: file.write(content))
+        try:
+            difference = self._difference(self._load(f"{format}:{part}"))
+            part.replace(out)
+        finally:
+            part.unlink(missing_ok=True)
+        digest = hashlib.sha256(content).hexdigest()
+        return Exported(out, f"{format}:{out}", digest, reads, difference, self.provenance)
+
+    @staticmethod
+    def _network(format: Format, traced: Traced) -> bytes:
+        return onnx_bytes(traced) if format == "onnx" else torchscript_bytes(traced)
+
+    def _load(self, name: str) -> Policy:
+        return load_policy(name, plugins=self.plugins, seat=self.seat)
+
+    def _difference(self, written: Policy) -> float:
+        """Largest deviation of the mode over the views.
+
+        Raises:
+            ApilError: it is more than rounding explains.
+        """
+        largest = 0.0
+        for view in self.views:
+            ours, theirs = (who.act(view, sample=False) for who in (self.policy, written))
+            pairs = [(ours.action, theirs.action)]
+            if ours.distribution is not None and theirs.distribution is not None:
+                std = [who.distribution.std.expand_as(who.action) for who in (ours, theirs)]  # type: ignore
+                pairs.append((std[0], std[1]))
+            largest = max(largest, *(float((a - b).abs().max()) for a, b in pairs))
+        if not largest <= TOLERANCE:
+            raise ApilError(
+                f"the exported file does not act as the run does (difference {largest:.2g}, allowed "
+                f"{TOLERANCE:g}): method {self.config.method!r} does in its hooks what a fixed network "
+                "cannot, e.g. remembers or draws; use --format safetensors"
+            )
+        return largest
+
+
+def _views(game: Game, side: int) -> list[View]:
+    """What the adversary sees in real games in which both sides act at random."""
+    generator = torch.Generator().manual_seed(stream_seed(0, "export"))
+    sizes = [seat.action_size for seat in game.layout.sides]
+    game.seed(stream_seed(0, "export games"))
+    game.reset()
+    first = torch.ones(game.num_envs, dtype=torch.bool)
+    views = []
+    for _ in range(_STEPS):
+        own, opponent = (torch.from_numpy(game.observations[s].copy()) for s in (side, 1 - side))
+        actions = [torch.randn(game.num_envs, size, generator=generator) for size in sizes]
+        views.append(View(own, opponent, first.clone(), actions[1 - side]))
+        step = game.step((actions[0].numpy(), actions[1].numpy()))
+        first = torch.from_numpy(step.done.copy())
+        if first.any():
+            game.reset(step.done.copy())
+    return views

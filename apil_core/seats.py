@@ -1,0 +1,125 @@
+"""Who takes which seat of a game: from a name to a policy that fits and does what policies promise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from apil_core.config import RunConfig
+from apil_core.default_victim import default_victim
+from apil_core.errors import ConfigError, VictimError
+from apil_core.game import Game, SideLayout
+from apil_core.plugins import PluginRegistry
+from apil_core.policy import Policy
+from apil_core.registry import game_spec, load_policy
+from apil_core.seeds import stream_seed
+from apil_core.victims.conformance import check_policy
+
+
+def victim_name(config: RunConfig, plugins: PluginRegistry) -> str:
+    """The victim's full name, ``auto`` resolved to the game's default."""
+    if config.victim != "auto":
+        return config.victim
+    spec = game_spec(config.env, plugins)
+    if not spec.default_victim:
+        raise ConfigError(f"game {config.env!r} has no default victim; name one with --victim")
+    return default_victim(spec, plugins)
+
+
+def victim_side(config: RunConfig, plugins: PluginRegistry) -> int:
+    """Index of the attacked side."""
+    spec = game_spec(config.env, plugins)
+    return spec.victim_side if config.victim_side is None else config.victim_side
+
+
+BASELINES = ("random", "zero")
+"""Names without a scheme: the baseline of that kind in the seat's sizes."""
+
+
+def full_name(name: str, seat: SideLayout) -> str:
+    """What a short name stands for in that seat: a baseline of its sizes, or the run in a directory."""
+    if name in BASELINES:
+        return f"baseline:{name}/{seat.observation_size}x{seat.action_size}"
+    return f"run:{name}" if Path(name).is_dir() else name
+
+
+@dataclass(frozen=True)
+class Taking:
+    """How a policy takes its seat.
+
+    Attributes:
+        trust: allow names whose loading runs code of the user's.
+        seed: of random generators of the policy's own.
+        second: it acts after its opponent, and may see that one's action.
+    """
+
+    trust: bool = False
+    seed: int = 0
+    second: bool = False
+
+
+def load_victim(
+    name: str,
+    game: Game,
+    side: int,
+    device: str,
+    plugins: PluginRegistry,
+    taking: Taking = Taking(),
+) -> Policy:
+    """Load a policy for that seat and check that it fits.
+
+    Args:
+        name: a policy's, a run's directory, or one of :data:`BASELINES`.
+        game: whose seat it is; not stepped.
+        side: index of the seat.
+        device: of the networks.
+        plugins: who knows the scheme.
+        taking: trust, seed and order.
+
+    Raises:
+        ConfigError: its sizes are not the seat's.
+        VictimError: it cannot be loaded, or does not act as a policy should.
+    """
+    seat = game.layout.sides[side]
+    name = full_name(name, seat)
+    policy = load_policy(name, device=device, plugins=plugins, seat=seat, trust=taking.trust)
+    info = policy.info
+    if (info.observation_size, info.action_size) != (seat.observation_size, seat.action_size):
+        raise ConfigError(
+            f"{name} takes {info.observation_size} observations and gives {info.action_size} actions, "
+            f"but the {seat.name} has {seat.observation_size} and {seat.action_size}"
+        )
+    policy.seed(taking.seed)
+    other = game.layout.sides[1 - side]
+    check_policy(policy, seat, other, second=taking.second, device=device)
+    return policy
+
+
+def run_victim(config: RunConfig, game: Game, plugins: PluginRegistry, seed: int) -> Policy:
+    """The victim of a run, and no other one: its weights must be those the run began with.
+
+    Args:
+        config: the run's.
+        game: the victim's seat is taken in it.
+        plugins: who knows the victim's scheme.
+        seed: of random generators of the victim's own.
+
+    Raises:
+        VictimError: the weights have changed since, or cannot be loaded.
+    """
+    taking = Taking(config.trust, stream_seed(seed, "victim's hooks"))  # not what the adversary's draw from
+    name = victim_name(config, plugins)
+    policy = load_victim(name, game, victim_side(config, plugins), config.device, plugins, taking)
+    expected, found = config.victim_sha256, policy.info.sha256
+    if expected not in ("", found):
+        raise VictimError(
+            f"{name} has changed since the run began: SHA-256 {found}, expected {expected}; put the old one "
+            "back, or score against another with --victim"
+        )
+    return policy
+
+
+def pinned(config: RunConfig, victim: Policy) -> RunConfig:
+    """``config`` with its victim named so that it can be found again from anywhere, and its hash."""
+    info = victim.info
+    return config.model_copy(update={"victim": info.name, "victim_sha256": info.sha256})

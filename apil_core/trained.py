@@ -1,0 +1,131 @@
+"""What a run trained, as a policy: ``run:DIR`` (its newest checkpoint) or ``run:DIR/checkpoints/FILE.pt``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from apil_core import checkpoint
+from apil_core.adversary import AdversaryPolicy
+from apil_core.build import adversary_policy
+from apil_core.checkpoint_fit import POLICY_KEYS, check_same_run, fitting
+from apil_core.config import RunConfig
+from apil_core.errors import ConfigError, RunDirError
+from apil_core.files import sha256
+from apil_core.game import GameLayout, SideLayout
+from apil_core.plugins import PluginRegistry, discover
+from apil_core.policy import Policy, PolicyInfo
+from apil_core.registry import make_game
+from apil_core.rundir import RunDir
+from apil_core.seats import victim_side
+
+SCHEME = "run:"
+
+
+def run_path(name: Path | str) -> Path | None:
+    """The run's directory (or checkpoint) behind ``run:PATH`` or a bare directory; else ``None``."""
+    text = str(name)
+    if text.startswith(SCHEME):
+        return Path(text.removeprefix(SCHEME))
+    return Path(text) if Path(text).is_dir() else None
+
+
+@dataclass(frozen=True)
+class Source:
+    """A run and one of its checkpoints.
+
+    Attributes:
+        run_dir: the run.
+        path: of the checkpoint, absolute.
+    """
+
+    run_dir: RunDir
+    path: Path
+
+    @classmethod
+    def find(cls, path: Path, checkpoint_path: Path | None = None) -> Source:
+        """From a run's directory or one of its checkpoints.
+
+        Args:
+            path: of the directory or the checkpoint.
+            checkpoint_path: a checkpoint of the directory; default: its newest.
+
+        Raises:
+            RunDirError: there is no run, or no such checkpoint.
+        """
+        path = path.expanduser()
+        if path.suffix != ".pt":
+            run_dir = RunDir(path)
+            run_dir.config()  # its error is the better one where there is no run at all
+            return cls(run_dir, (checkpoint_path or run_dir.newest_checkpoint()).absolute())
+        if not path.is_file():
+            raise RunDirError(
+                f"there is no checkpoint {path}: a run keeps its newest ones only (checkpoint.keep); "
+                f"to keep an adversary for good: apil export {path.parent.parent} --format safetensors"
+            )
+        return cls(RunDir(path.parent.parent), path.absolute())
+
+    def policy(
+        self, config: RunConfig, layout: GameLayout, plugins: PluginRegistry, seed: int, name: str
+    ) -> tuple[AdversaryPolicy, int]:
+        """The adversary, on ``config.device``, and how many steps it was trained for.
+
+        Args:
+            config: the run's, perhaps on another device.
+            layout: of its game.
+            plugins: know its method.
+            seed: of the generator its stochastic hooks draw from.
+            name: what to call the policy.
+
+        Raises:
+            RunDirError: the checkpoint is damaged, or of another run.
+        """
+        state = checkpoint.read(self.path)
+        check_same_run(state, config, self.path, POLICY_KEYS)
+        side = 1 - victim_side(config, plugins)
+        seat = layout.sides[side]
+        info = PolicyInfo(
+            name,
+            sha256(self.path),
+            seat.observation_size,
+            seat.action_size,
+            provenance={"run": str(self.run_dir.path), "game": config.env, "side": seat.name},
+            action_bounds=(seat.action_low, seat.action_high),
+        )
+        # initial weights are drawn and thrown away; whoever loads a policy shall not notice
+        with torch.random.fork_rng(devices=[]), fitting(self.path):
+            policy = adversary_policy(state, info, config, layout, side, plugins, seed)
+        return policy, int(state["steps"])
+
+
+def load(name: str, *, seat: SideLayout | None, plugins: PluginRegistry, device: str) -> Policy:
+    """The adversary of a run as any other policy, for the seat it was trained in.
+
+    Args:
+        name: directory of the run, or one of its checkpoints.
+        seat: it is wanted for.
+        plugins: know its method, unless the run names one-file plugins: those are loaded.
+        device: of the networks.
+
+    Raises:
+        ApilError: there is no such run, or it was trained for another seat.
+    """
+    source = Source.find(Path(name))
+    config = source.run_dir.config().model_copy(update={"device": device})
+    plugins = discover(config.plugins) if config.plugins else plugins
+    game = make_game(config.env, num_envs=1, threads=1, options=config.game, plugins=plugins)
+    try:
+        layout = game.layout
+    finally:
+        game.close()
+    trained = layout.sides[1 - victim_side(config, plugins)]
+    if seat not in (None, trained):
+        assert seat is not None
+        other = f"the {seat.name}" if seat.name != trained.name else f"another {seat.name}"
+        raise ConfigError(f"{name} trained the {trained.name} of {config.env}; it cannot be {other}")
+    policy, _ = source.policy(config, layout, plugins, 0, f"{SCHEME}{source.path}")
+    if policy.hooks.fills("filter_observation"):
+        raise ConfigError(f"{name} filters what both sides see; it can only play as the adversary")
+    return policy

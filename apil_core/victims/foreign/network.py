@@ -1,0 +1,197 @@
+"""A network of other people's as a policy: one convention for TorchScript, torch.export, ONNX and Python.
+
+A network takes what it reads, then its states, and gives its action, then its new states::
+
+    forward(observation, *states) -> (action, *states)
+    forward(observation, *states) -> (mean, log_std, *states)
+
+All float32: observation (n, o), action and mean (n, a), log_std (a,) or (n, a), each state (n, k).
+States are zero where a game starts. What deviates from ``forward(observation)`` is said by a
+:class:`Signature`, JSON that travels in the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Annotated, Any, Literal
+
+import torch
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from torch import Tensor
+
+from apil_core.errors import ApilError, VictimError
+from apil_core.game import SideLayout
+from apil_core.policy import Policy, PolicyInfo
+from apil_core.types import Decision, DiagonalGaussian, View
+from apil_core.victims.foreign.origin import Origin, one_line
+from apil_core.victims.memory import Memory
+
+SIGNATURE_FILE = "apil.json"
+"""Name of the signature in archives, and its key in ONNX's metadata."""
+
+Reads = Literal["observation", "opponent", "opponent_action", "first"]
+Call = Callable[[list[Tensor]], Any]
+
+
+class Signature(BaseModel):
+    """What a network's file says of it; every key may be missing.
+
+    Attributes:
+        reads: inputs before the states, in order: ``observation``, ``opponent`` (the other side's),
+            ``opponent_action`` (only for who acts second), ``first`` (n, 1): 1 where a game starts.
+        state: widths of the states.
+        observation_size, action_size: of the side it plays.
+        action_bounds: lowest and highest action; a seat must have the same.
+        provenance: where it came from, for people.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    reads: Annotated[tuple[Reads, ...], Field(min_length=1)] = ("observation",)
+    state: tuple[Annotated[int, Field(gt=0)], ...] = ()
+    observation_size: int | None = Field(default=None, gt=0)
+    action_size: int | None = Field(default=None, gt=0)
+    action_bounds: tuple[float, float] | None = None
+    provenance: dict[str, str] = {}
+
+    @classmethod
+    def read(cls, text: str | bytes | None, name: str) -> Signature:
+        """From the JSON in a file; a missing one says nothing.
+
+        Raises:
+            VictimError: it is not what it should be.
+        """
+        try:
+            return cls() if not text else cls.model_validate_json(text)
+        except ValidationError as error:
+            first = error.errors()[0]
+            key = ".".join(map(str, first["loc"]))
+            raise VictimError(f"{name}: its {SIGNATURE_FILE} is wrong: {key}: {first['msg']}") from None
+
+
+class NetworkPolicy(Policy):
+    """Acts by calling a network. What the signature leaves open is found by calling it once.
+
+    Args:
+        origin: name and hash.
+        call: the network, on the CPU.
+        signature: what it reads, and its states.
+        seat: it is wanted for, whose sizes it must have where it does not state its own.
+        move: puts the network on a device; ``None``: it stays on the CPU, and tensors travel.
+
+    Raises:
+        VictimError: it cannot be called with what its seat sees, or gives something else than actions.
+    """
+
+    def __init__(
+        self,
+        origin: Origin,
+        call: Call,
+        signature: Signature,
+        seat: SideLayout | None,
+        move: Callable[[torch.device], object] | None = None,
+    ):
+        self.signature = signature
+        self._call = call
+        self._move = move
+        self._device = torch.device("cpu")
+        self._memory = Memory(origin.name)
+        self._widths = {f"state_{i}": width for i, width in enumerate(signature.state)}
+        observations = signature.observation_size or (seat.observation_size if seat else None)
+        if observations is None:
+            raise VictimError(f"{origin.name} does not state its sizes: say which seat it is for (seat=…)")
+        self.info = PolicyInfo(
+            name=origin.name,
+            sha256=origin.sha256,
+            observation_size=observations,
+            action_size=0,
+            provenance=signature.provenance,
+            action_bounds=signature.action_bounds,
+        )
+        self.info = replace(self.info, action_size=signature.action_size or self._action_size())
+
+    def _action_size(self) -> int:
+        """By asking for two actions."""
+        unstated = [name for name in self.signature.reads if name.startswith("opponent")]
+        if unstated:
+            raise VictimError(
+                f"{self.info.name}: it reads {unstated[0]}, so its {SIGNATURE_FILE} must state action_size"
+            )
+        own = torch.zeros(2, self.info.observation_size)
+        shape = self.act(View(own, own, torch.ones(2, dtype=torch.bool)), sample=False).action.shape
+        self._memory.rows = {}
+        if len(shape) != 2 or shape[0] != 2:
+            raise VictimError(f"{self.info.name}: expected actions (2, a) for two games, got {tuple(shape)}")
+        return shape[1]
+
+    @torch.no_grad()
+    def act(
+        self,
+        view: View,
+        *,
+        sample: bool,
+        generator: torch.Generator | None = None,
+        activations: bool = False,
+    ) -> Decision:
+        """See :meth:`apil_core.Policy.act`; hidden layers are not known."""
+        state = self._memory.begin(view.first, partial(self._start, view.own.device)) if self._widths else {}
+        inputs = [self._input(name, view) for name in self.signature.reads]
+        outputs = self._ask([tensor.to(self._device) for tensor in [*inputs, *state.values()]])
+        outputs = [output.to(view.own.device) for output in outputs]
+        count = len(outputs) - len(state)
+        self._memory.rows = dict(zip(state, outputs[count:], strict=True))
+        layers: dict[str, Tensor] | None = {} if activations else None
+        if count == 1:
+            return Decision(outputs[0], None, layers)
+        distribution = DiagonalGaussian(outputs[0], outputs[1].exp())
+        return Decision(distribution.sample(generator) if sample else outputs[0], distribution, layers)
+
+    def _input(self, name: str, view: View) -> Tensor:
+        if name == "observation":
+            return view.own
+        if name == "first":
+            return view.first.to(view.own.dtype).unsqueeze(1)
+        value = view.opponent if name == "opponent" else view.opponent_action
+        if value is None:
+            raise VictimError(f"{self.info.name} reads its opponent's action, so it must act second")
+        return value
+
+    def _start(self, device: torch.device, games: int) -> dict[str, Tensor]:
+        return {name: torch.zeros(games, width, device=device) for name, width in self._widths.items()}
+
+    def _ask(self, inputs: list[Tensor]) -> list[Tensor]:
+        shapes = ", ".join(str(tuple(tensor.shape)) for tensor in inputs)
+        try:
+            answer = self._call(inputs)
+        except ApilError:
+            raise
+        except Exception as error:  # whatever the network's runtime raises
+            raise VictimError(f"{self.info.name} fails on inputs {shapes}: {one_line(error)}") from error
+        outputs = [answer] if isinstance(answer, Tensor) else answer
+        states = len(self.signature.state)
+        right = isinstance(outputs, (list, tuple)) and all(isinstance(part, Tensor) for part in outputs)
+        if not right or len(outputs) - states not in (1, 2):
+            got = f"{len(outputs)}" if right else type(answer).__name__
+            raise VictimError(
+                f"{self.info.name}: expected an action, or mean and log_std, and then {states} states, "
+                f"all tensors; got {got}"
+            )
+        return list(outputs)
+
+    def to(self, device: torch.device | str) -> NetworkPolicy:
+        """Move the network, if it can be moved, and its state."""
+        if self._move is not None:
+            self._device = torch.device(device)
+            self._move(self._device)
+        self._memory.rows = {name: rows.to(device) for name, rows in self._memory.rows.items()}
+        return self
+
+    def recurrent_state(self) -> dict[str, Any]:
+        """``state_0`` and so on, each (n, k)."""
+        return dict(self._memory.rows)
+
+    def load_recurrent_state(self, state: dict[str, Any]) -> None:
+        """Restore what :meth:`recurrent_state` gave; an empty one forgets all games."""
+        self._memory.rows = dict(state)

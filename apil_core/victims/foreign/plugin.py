@@ -1,0 +1,59 @@
+"""The door through which other people's policies come in; imports neither torch nor mujoco."""
+
+from __future__ import annotations
+
+from apil_core.hooks import hookimpl
+from apil_core.specs import PolicySpec
+
+_HERE = "apil_core.victims.foreign"
+
+
+@hookimpl
+def register_policies() -> list[PolicySpec]:
+    """Offer runs, exported files, network files and Python callables, each ``<scheme>:<path or name>``."""
+    return [
+        PolicySpec(
+            "run",
+            "apil_core.trained:load",
+            summary="what a run trained: run:DIR, its newest checkpoint",
+            seat=True,
+            plugins=True,
+        ),
+        PolicySpec(
+            "torchscript",
+            f"{_HERE}.torchscript:load",
+            summary="network saved with torch.jit: torchscript:FILE",
+            seat=True,
+        ),
+        PolicySpec(
+            "torch-export",
+            f"{_HERE}.torch_export:load",
+            summary="network saved with torch.export: torch-export:FILE.pt2",
+            seat=True,
+        ),
+        PolicySpec(
+            "onnx",
+            f"{_HERE}.onnx:load",
+            summary="network in ONNX, with the extra onnx: onnx:FILE",
+            seat=True,
+        ),
+        PolicySpec(
+            "sb3",
+            f"{_HERE}.sb3:load",
+            summary="agent of Stable-Baselines3 (PPO, A2C, SAC, TD3, DDPG): sb3:FILE.zip",
+        ),
+        PolicySpec(
+            "safetensors",
+            f"{_HERE}.safetensors:load",
+            summary="adversary from `apil export`, or student from `apil distill`: safetensors:FILE",
+            seat=True,
+            plugins=True,
+        ),
+        PolicySpec(
+            "python",
+            f"{_HERE}.python:load",
+            summary="callable of yours: python:MODULE:CALLABLE",
+            seat=True,
+            runs_code=True,
+        ),
+    ]

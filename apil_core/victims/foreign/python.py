@@ -1,0 +1,140 @@
+"""``python:MODULE:CALLABLE``: a policy from the user's own code, which loading and acting run."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import os
+import sys
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from dataclasses import replace
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from apil_core.errors import ApilError, VictimError
+from apil_core.files import sha256
+from apil_core.game import SideLayout
+from apil_core.policy import Policy, PolicyInfo
+from apil_core.types import Decision, View
+from apil_core.victims.foreign.network import NetworkPolicy, Signature
+from apil_core.victims.foreign.origin import Origin, one_line
+
+
+def load(name: str, *, seat: SideLayout | None) -> Policy:
+    """What the callable makes, or the callable itself.
+
+    A callable whose first parameter is called ``seat`` is called once with the
+    :class:`apil_core.SideLayout` and returns a :class:`apil_core.Policy`, or a function. A function is
+    called with observations (n, o) and returns actions (n, a), or mean and log standard deviation.
+
+    Raises:
+        VictimError: there is no such callable, or it fails.
+    """
+    module_name, _, attribute = name.partition(":")
+    if not module_name or not attribute:
+        raise VictimError(f"python:{name}: expected python:MODULE:CALLABLE, e.g. python:agents:make_kicker")
+    target = _found(name, module_name, attribute)
+    file = Path(str(getattr(sys.modules[module_name], "__file__", None) or module_name))
+    origin = Origin(f"python:{name}", sha256(file) if file.is_file() else "", file)
+    made = _guarded(origin, "failed", lambda: target(seat)) if _wants_seat(target) else target
+    if isinstance(made, Policy):
+        return UserPolicy(made, origin, seat)
+    if not callable(made):
+        raise origin.wrong("a Policy, or a function from observations to actions", f"{type(made).__name__}")
+    return NetworkPolicy(
+        origin, lambda inputs: _guarded(origin, "failed", lambda: made(*inputs)), Signature(), seat
+    )
+
+
+def _found(name: str, module_name: str, attribute: str) -> Any:
+    here = os.getcwd()
+    if here not in sys.path:
+        sys.path.append(here)  # last: files of the user's shall not hide libraries that come later
+    try:
+        with redirect_stdout(sys.stderr):  # stdout is for results
+            target = attrgetter(attribute)(importlib.import_module(module_name))
+    except ApilError:
+        raise
+    except (Exception, SystemExit) as error:
+        where = getattr(sys.modules.get(module_name), "__file__", None) or f"looked in {here} too"
+        raise VictimError(f"python:{name}: {module_name} ({where}): {one_line(error)}") from error
+    if not callable(target):
+        raise VictimError(f"python:{name}: expected something callable, found {type(target).__name__}")
+    return target
+
+
+def _wants_seat(target: Any) -> bool:
+    try:
+        return next(iter(inspect.signature(target).parameters), "") == "seat"
+    except (TypeError, ValueError):  # built in
+        return False
+
+
+def _guarded(origin: Origin, what: str, call: Callable[[], Any]) -> Any:
+    """Call user code; whatever it raises becomes one line with its name."""
+    try:
+        with redirect_stdout(sys.stderr):
+            return call()
+    except ApilError:
+        raise
+    except Exception as error:
+        raise VictimError(
+            f"{origin.name} {what}: {one_line(error)} (APIL_DEBUG=1 shows the traceback)"
+        ) from error
+
+
+class UserPolicy(Policy):
+    """A policy of the user's, with a name, a hash, and its errors attributed to it."""
+
+    def __init__(self, policy: Policy, origin: Origin, seat: SideLayout | None):
+        self._policy = policy
+        self._origin = origin
+        theirs: PolicyInfo | None = getattr(policy, "info", None)
+        if theirs is None:
+            if seat is None:
+                raise VictimError(f"{origin.name}: its Policy has no info, and its seat is not known")
+            theirs = PolicyInfo(origin.name, origin.sha256, seat.observation_size, seat.action_size)
+        self.info = replace(theirs, name=origin.name, sha256=origin.sha256)
+
+    def act(
+        self,
+        view: View,
+        *,
+        sample: bool,
+        generator: torch.Generator | None = None,
+        activations: bool = False,
+    ) -> Decision:
+        """See :meth:`apil_core.Policy.act`."""
+        ask = self._policy.act
+        decision: Decision = _guarded(
+            self._origin,
+            "failed in act",
+            lambda: ask(view, sample=sample, generator=generator, activations=activations),
+        )
+        return decision
+
+    def to(self, device: torch.device | str) -> UserPolicy:
+        """Move it; returns self."""
+        self._policy = _guarded(self._origin, "failed in to", lambda: self._policy.to(device))
+        return self
+
+    def seed(self, seed: int) -> None:
+        """See :meth:`apil_core.Policy.seed`."""
+        _guarded(self._origin, "failed in seed", lambda: self._policy.seed(seed))
+
+    def recurrent_state(self) -> dict[str, Any]:
+        """See :meth:`apil_core.Policy.recurrent_state`."""
+        state: dict[str, Any] = _guarded(
+            self._origin, "failed in recurrent_state", self._policy.recurrent_state
+        )
+        return state
+
+    def load_recurrent_state(self, state: dict[str, Any]) -> None:
+        """See :meth:`apil_core.Policy.load_recurrent_state`."""
+        _guarded(
+            self._origin, "failed in load_recurrent_state", lambda: self._policy.load_recurrent_state(state)
+        )

@@ -1,0 +1,31 @@
+"""``safetensors:FILE``: what APIL itself writes, told apart by the file's metadata."""
+
+from __future__ import annotations
+
+from safetensors import SafetensorError, safe_open
+
+from apil_core import adversary_file
+from apil_core.game import SideLayout
+from apil_core.plugins import PluginRegistry
+from apil_core.policy import Policy
+from apil_core.victims import student
+from apil_core.victims.foreign.origin import Origin, one_line
+
+
+def load(name: str, *, seat: SideLayout | None, plugins: PluginRegistry, device: str) -> Policy:
+    """The adversary or student in that file.
+
+    Raises:
+        VictimError: there is no such file, it is damaged, or of neither kind.
+    """
+    origin = Origin.of("safetensors", name)
+    try:
+        with safe_open(origin.path, framework="pt") as file:
+            found = (file.metadata() or {}).get("format", "none")
+    except (SafetensorError, OSError, ValueError) as error:
+        raise origin.wrong("a safetensors file", one_line(error)) from error
+    if found == student.FORMAT:
+        return student.load_file(origin.path, origin.name)
+    if found == adversary_file.FORMAT:
+        return adversary_file.load_file(origin, seat=seat, plugins=plugins, device=device)
+    raise origin.wrong(f"format {adversary_file.FORMAT!r} or {student.FORMAT!r} in its metadata", repr(found))

@@ -1,0 +1,126 @@
+"""What a policy is and whether it can take a seat: the report of ``apil victims check``."""
+
+from __future__ import annotations
+
+import time
+
+import torch
+from pydantic import BaseModel
+
+from apil_core.errors import UnknownNameError
+from apil_core.game import GameLayout
+from apil_core.plugins import PluginRegistry
+from apil_core.policy import Policy
+from apil_core.registry import game_spec, load_policy, make_game
+from apil_core.seats import full_name
+from apil_core.torch_threads import one_torch_thread
+from apil_core.types import View
+from apil_core.victims.conformance import Conformance, examine
+
+GAMES = 128
+_SECONDS = 0.3
+
+
+class Inspection(BaseModel):
+    """What was found of a policy in a seat.
+
+    Attributes:
+        name, sha256, provenance: its identity.
+        game, side: the seat.
+        observation_size, action_size: its own.
+        action_bounds: it was made for, or ``None`` if it does not say.
+        recurrent, stochastic: see :class:`apil_core.victims.conformance.Conformance`; ``None``: it could
+            not be tried.
+        steps_per_second: decisions for single games, :data:`GAMES` at a time on one thread.
+        errors: why it cannot take the seat.
+        notes: what is worth knowing.
+    """
+
+    name: str
+    sha256: str
+    provenance: dict[str, str]
+    game: str
+    side: str
+    observation_size: int
+    action_size: int
+    action_bounds: tuple[float, float] | None
+    recurrent: bool | None
+    stochastic: bool | None
+    steps_per_second: float | None
+    errors: list[str]
+    notes: list[str]
+
+
+def inspect_policy(
+    name: str, env: str, side: str | None, plugins: PluginRegistry, *, trust: bool = False
+) -> Inspection:
+    """Load a policy, try it in a seat, and measure it.
+
+    Args:
+        name: of the policy, or a run's directory.
+        env: the game.
+        side: name of the seat; default: the one that is attacked.
+        plugins: know both.
+        trust: allow names whose loading runs code of the user's.
+
+    Raises:
+        ApilError: there is no such game or side, or the policy cannot be loaded.
+    """
+    layout, index = _seat(env, side, plugins)
+    seat, opponent = layout.sides[index], layout.sides[1 - index]
+    policy = load_policy(full_name(name, seat), plugins=plugins, seat=seat, trust=trust)
+    info = policy.info
+    sizes = (info.observation_size, info.action_size)
+    found, speed = Conformance(), None
+    if sizes == (seat.observation_size, seat.action_size):
+        with one_torch_thread():
+            found = examine(policy, seat, opponent, second=index != game_spec(env, plugins).victim_side)
+            speed = None if found.errors else _speed(policy, layout, index)
+    else:
+        found.errors.append(
+            f"takes {sizes[0]} observations and gives {sizes[1]} actions, but the {seat.name} has "
+            f"{seat.observation_size} and {seat.action_size}"
+        )
+    tried = speed is not None
+    return Inspection(
+        name=info.name,
+        sha256=info.sha256,
+        provenance=info.provenance,
+        game=env,
+        side=seat.name,
+        observation_size=sizes[0],
+        action_size=sizes[1],
+        action_bounds=info.action_bounds,
+        recurrent=found.recurrent if tried else None,
+        stochastic=found.stochastic if tried else None,
+        steps_per_second=speed,
+        errors=found.errors,
+        notes=found.notes,
+    )
+
+
+def _seat(env: str, side: str | None, plugins: PluginRegistry) -> tuple[GameLayout, int]:
+    game = make_game(env, num_envs=1, plugins=plugins)
+    game.close()
+    names = [seat.name for seat in game.layout.sides]
+    if side is None:
+        return game.layout, game_spec(env, plugins).victim_side
+    if side not in names:
+        raise UnknownNameError(f"side of {env}", side, names)
+    return game.layout, names.index(side)
+
+
+@torch.no_grad()
+def _speed(policy: Policy, layout: GameLayout, index: int) -> float:
+    seat, opponent = layout.sides[index], layout.sides[1 - index]
+    generator = torch.Generator().manual_seed(0)
+    own = torch.randn(GAMES, seat.observation_size, generator=generator)
+    other = torch.randn(GAMES, opponent.observation_size, generator=generator)
+    action = torch.zeros(GAMES, opponent.action_size)
+    policy.act(View(own, other, torch.ones(GAMES, dtype=torch.bool), action), sample=True)
+    view = View(own, other, torch.zeros(GAMES, dtype=torch.bool), action)
+    begin, calls = time.perf_counter(), 0
+    while time.perf_counter() - begin < _SECONDS:
+        policy.act(view, sample=True, generator=generator)
+        calls += 1
+    return GAMES * calls / (time.perf_counter() - begin)

@@ -1,0 +1,148 @@
+"""Policies of other people on the command line: checked, trusted, scored, attacked; adversaries exported."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from victims.foreign_files import Gaussian, Recurrent, save
+
+from cli.cli_helpers import Apil
+
+pytest.importorskip("onnxruntime", reason="needs the extra onnx: pip install 'apil[onnx]'")
+
+TOY = ("--env", "toy-pursuit")
+SHORT = (
+    *TOY,
+    *("--method", "adrl", "--steps", "1k", "--num-envs", "16", "--threads", "1", "--quiet"),
+    *("--set", "ppo.num_steps=16", "--set", "evaluation.episodes=8"),
+)
+
+AGENT = """
+def flee(observation):
+    return -observation[:, 2:4].clamp(-1, 1)
+
+def broken(observation):
+    raise KeyError("no such thing")
+"""
+
+
+@pytest.fixture
+def agent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """A callable in the current directory."""
+    (tmp_path / "an_agent.py").write_text(AGENT)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    yield "python:an_agent:flee"
+    sys.modules.pop("an_agent", None)
+
+
+def test_an_onnx_policy_is_attacked_and_scored(apil: Apil, tmp_path: Path) -> None:
+    save(Recurrent(), tmp_path / "their.onnx", {"state": [5, 5]})
+    done = apil("run", *SHORT, "--victim", "onnx:their.onnx", "--out", "r", "--json")
+    assert done.code == 0, done.err
+    name = f"onnx:{tmp_path}/their.onnx"
+    assert json.loads(done.out)["evaluation"]["victim"]["name"] == name
+    assert f"victim: {name}\n" in (tmp_path / "r" / "config.yaml").read_text()
+    assert apil("resume", "r", "--steps", "2k", "--quiet").code == 0
+    scored = apil("eval", "onnx:their.onnx", *TOY, "--episodes", "10", "--quiet", "--json")
+    assert scored.code == 0, scored.err
+    assert json.loads(scored.out)["adversary"]["name"] == name
+
+
+def test_check_tells_what_a_policy_is(apil: Apil, tmp_path: Path) -> None:
+    save(Gaussian(), tmp_path / "their.onnx")
+    done = apil("victims", "check", "onnx:their.onnx", *TOY, "--json")
+    assert done.code == 0, done.err
+    found = json.loads(done.out)
+    assert found["name"] == f"onnx:{tmp_path}/their.onnx"
+    assert (found["game"], found["side"]) == ("toy-pursuit", "evader")
+    assert (found["observation_size"], found["action_size"]) == (7, 2)
+    assert (found["recurrent"], found["stochastic"], found["errors"]) == (False, True, [])
+    assert found["steps_per_second"] > 1000
+    text = apil("victims", "check", "onnx:their.onnx", *TOY, "--side", "pursuer").out
+    assert "seat          pursuer of toy-pursuit" in text
+    assert "it can take this seat" in text
+
+
+@pytest.mark.parametrize("name", ["random", "zero", "scripted:toy-pursuit/evader/v1"])
+def test_check_takes_any_name(apil: Apil, name: str) -> None:
+    assert apil("victims", "check", name, *TOY).code == 0
+
+
+def test_check_tells_why_a_policy_does_not_fit(apil: Apil, tmp_path: Path) -> None:
+    save(Gaussian(), tmp_path / "their.onnx", {"action_bounds": [-2, 2]})
+    done = apil("victims", "check", "onnx:their.onnx", *TOY, "--json")
+    assert done.code == 2
+    assert json.loads(done.out)["errors"] == ["made for actions in [-2, 2], but the evader's are in [-1, 1]"]
+    shown = apil("victims", "check", "baseline:zero/9x3", *TOY)
+    assert shown.code == 2
+    assert "error:        takes 9 observations and gives 3 actions, but the evader has 7 and 2" in shown.out
+    missing = apil("victims", "check", "onnx:nowhere", *TOY)
+    assert (missing.code, missing.err.count("\n")) == (2, 1)
+    wrong = apil("victims", "check", "zero", *TOY, "--side", "goalie")
+    assert "unknown side of toy-pursuit 'goalie' (known: evader, pursuer)" in wrong.err
+
+
+def test_naming_code_on_the_command_line_is_trusting_it(apil: Apil, tmp_path: Path, agent: str) -> None:
+    for number, named in enumerate((("--victim", agent), ("--set", f"victim={agent}"))):
+        done = apil("run", *SHORT, *named, "--out", f"r{number}")
+        assert done.code == 0, done.err
+        assert "\ntrust: true\n" in (tmp_path / f"r{number}" / "config.yaml").read_text()
+    assert apil("resume", "r0", "--steps", "2k", "--quiet").code == 0
+    assert apil("eval", "r0", "--episodes", "4", "--quiet").code == 0
+    assert apil("eval", agent, *TOY, "--episodes", "4", "--quiet").code == 0
+    assert apil("eval", "random", "--victim", agent, *TOY, "--episodes", "4", "--quiet").code == 0
+    assert apil("victims", "check", agent, *TOY).code == 0
+    assert apil("run", *SHORT, "--victim", "random", "--out", "plain").code == 0
+    assert "\ntrust: false\n" in (tmp_path / "plain" / "config.yaml").read_text()
+
+
+def test_a_file_must_say_that_it_trusts(apil: Apil, tmp_path: Path, agent: str) -> None:
+    (tmp_path / "run.yaml").write_text(f"victim: {agent}\n")
+    done = apil("run", *SHORT, "--config", "run.yaml", "--out", "r")
+    assert done.code == 2
+    assert done.err.startswith(
+        f"apil: {agent} runs code when it is loaded: name it on the command line, or set"
+    )
+    assert "an_agent" not in sys.modules
+    (tmp_path / "run.yaml").write_text(f"victim: {agent}\ntrust: true\n")
+    assert apil("run", *SHORT, "--config", "run.yaml", "--out", "r").code == 0
+
+
+def test_a_mistake_in_the_users_code(
+    apil: Apil, agent: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = agent.replace("flee", "broken")
+    done = apil("eval", broken, *TOY, "--quiet")
+    assert done.code == 2
+    assert done.err == (
+        f"apil: {broken} failed: KeyError: 'no such thing' (APIL_DEBUG=1 shows the traceback)\n"
+    )
+    monkeypatch.setenv("APIL_DEBUG", "1")
+    told = apil("eval", broken, *TOY, "--quiet")
+    assert told.code == 2
+    assert "an_agent.py" in told.err
+    assert "Traceback" in told.err
+
+
+def test_a_run_is_exported_and_plays_again(apil: Apil, tmp_path: Path) -> None:
+    assert apil("run", *SHORT, "--out", "r").code == 0
+    done = apil("export", "r", "--format", "onnx", "--json")
+    assert done.code == 0, done.err
+    told = json.loads(done.out)
+    assert told["file"] == str(tmp_path / "r" / "adversary.onnx")
+    assert told["reads"] == ["observation"]
+    assert told["difference"] <= 1e-5
+    shown = apil("export", "r", "--format", "torchscript", "--out", "mine.pt")
+    assert f"load it as torchscript:{tmp_path}/mine.pt" in shown.out
+    scores = [
+        json.loads(apil("eval", *who, "--episodes", "30", "--quiet", "--json").out)
+        for who in (("run:r",), ("r",), (told["name"], *TOY), (f"torchscript:{tmp_path}/mine.pt", *TOY))
+    ]
+    assert len({tuple(score[key] for key in ("wins", "ties", "losses")) for score in scores}) == 1
+    wrong = apil("export", "nowhere", "--format", "onnx")
+    assert (wrong.code, wrong.err.count("\n")) == (2, 1)
+    assert "nowhere is no run directory" in wrong.err
