@@ -1,0 +1,8 @@
+"""What works on this machine and what does not, with a remedy: ``apil doctor``."""
+
+from __future__ import annotations
+
+from apil_core.doctor.examination import examine
+from apil_core.doctor.finding import Finding, Report, Status
+
+__all__ = ["Finding", "Report", "Status", "examine"]

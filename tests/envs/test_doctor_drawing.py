@@ -1,0 +1,41 @@
+"""What ``apil doctor`` says of drawing is what the games find out when they draw."""
+
+from __future__ import annotations
+
+import pytest
+
+from apil_core.doctor import drawing, games
+from apil_core.doctor.scope import Scope
+from apil_core.plugins import discover
+from apil_envs import gl
+
+
+def test_a_backend_works_for_the_doctor_where_it_works_for_the_games(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    findings = {finding.check: finding for finding in drawing.check(Scope(discover()))}
+    assert findings.keys() == {f"drawing: {backend}" for backend in gl.BACKENDS}
+    working = {backend for backend in gl.BACKENDS if gl.works(backend)}
+    for backend in gl.BACKENDS:
+        finding = findings[f"drawing: {backend}"]
+        assert ("draws kick-and-defend" in finding.detail) == (backend in working)
+        assert finding.status == ("ok" if working else "warning")
+    if not working:
+        assert "libegl1" in findings["drawing: egl"].remedy
+        assert "libosmesa6" in findings["drawing: osmesa"].remedy
+
+
+def test_an_opengl_that_is_asked_for_but_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    if gl.works("osmesa"):
+        pytest.skip("OSMesa is installed")
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    (finding,) = games.check(Scope(discover(), quick=True))
+    assert finding.status == "error"
+    assert finding.remedy == "unset MUJOCO_GL, or `apt-get install libosmesa6`"
+    if gl.works("egl"):
+        asked = {finding.check: finding for finding in drawing.check(Scope(discover()))}["drawing: MUJOCO_GL"]
+        assert asked.status == "warning"
+        assert "asks for osmesa" in asked.detail
+
+
+def test_quick_draws_nothing() -> None:
+    assert list(drawing.check(Scope(discover(), quick=True))) == []
