@@ -2,12 +2,12 @@
 
 PYTHON ?= python3
 VENV ?= .venv
-ZOO ?= ../shared/zoo/agent-zoo
-STEPS ?= 100k
+ZOO ?=
+STEPS ?= 400k
 BIN := $(VENV)/bin
 SOURCES := apil_core envs plugins examples tests benchmarks docs
 
-.PHONY: run test test-slow check format clean
+.PHONY: run test test-slow check check-pythons format clean
 
 # The environment is rebuilt whenever its inputs change.
 $(VENV)/.ready: pyproject.toml constraints.txt
@@ -16,10 +16,11 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]'
 	@touch $@
 
-# Main job: E-APIL against the published kicker, then its score. Victims found in ZOO are imported first.
+# Main job: E-APIL against the kicker, its score, its learning curve and a film of a game it wins. The kicker is
+# the student shipped with the package, or the zoo's own agent once it was imported, which ZOO=DIR does first.
 run: $(VENV)/.ready
-	@if [ -d "$(ZOO)" ]; then $(BIN)/apil victims import "$(ZOO)"; fi
-	$(BIN)/apil run --method e_apil --env kick-and-defend --preset quick --steps $(STEPS) $(FLAGS)
+	$(if $(ZOO),$(BIN)/apil victims import "$(ZOO)")
+	$(BIN)/apil run --method e_apil --env kick-and-defend --preset quick --steps $(STEPS) --show $(FLAGS)
 
 test: $(VENV)/.ready
 	$(BIN)/python -m pytest -n 2 --dist worksteal $(FLAGS)
@@ -32,6 +33,15 @@ check: $(VENV)/.ready
 	$(BIN)/ruff format --check $(SOURCES)
 	$(BIN)/ruff check $(SOURCES)
 	$(BIN)/mypy
+
+# Whether all that is needed exists as wheels for every Python we name; installs only the tool that asks, uv.
+check-pythons: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet uv
+	@for version in 3.11 3.12 3.13; do \
+	  $(BIN)/uv pip compile --quiet --upgrade --python-version $$version --only-binary :all: --extra dev \
+	    -c constraints.txt -o $(VENV)/python-$$version.txt pyproject.toml || exit 1; \
+	  echo "Python $$version: $(VENV)/python-$$version.txt"; \
+	done
 
 format: $(VENV)/.ready
 	$(BIN)/ruff format $(SOURCES)

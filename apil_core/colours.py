@@ -8,6 +8,17 @@ VICTIM: Colour = (38, 88, 204)
 ADVERSARY: Colour = (205, 45, 42)
 NEUTRAL: Colour = (96, 102, 112)
 
+LINES: tuple[Colour, ...] = (
+    (0, 114, 178),
+    (213, 94, 0),
+    (0, 158, 115),
+    (204, 121, 167),
+    (230, 159, 0),
+    (86, 180, 233),
+    (0, 0, 0),
+)
+"""Of lines that must be told apart: Okabe and Ito's, which colour-blind people can."""
+
 
 def by_side(adversary_side: int) -> tuple[Colour, Colour]:
     """Colours of side 0 and 1."""

@@ -85,9 +85,12 @@ def read_metrics(path: Path) -> list[dict[str, float]]:
     rows = []
     for number, line in enumerate(_lines(path), 1):
         row = _parse(line)
-        if row is None:
-            raise RunDirError(f"{path}:{number}: damaged line")
-        rows.append({key: math.nan if value is None else float(value) for key, value in row.items()})
+        try:
+            if row is None:
+                raise ValueError
+            rows.append({key: math.nan if value is None else float(value) for key, value in row.items()})
+        except (TypeError, ValueError) as error:
+            raise RunDirError(f"{path}:{number}: damaged line") from error
     return rows
 
 

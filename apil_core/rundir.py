@@ -39,6 +39,8 @@ class RunDir:
         self.result_path = self.path / "result.json"
         self.environment_path = self.path / "environment.json"
         self.checkpoint_dir = self.path / "checkpoints"
+        self.curve_path = self.path / "curve.png"
+        self.won_game_path = self.path / "won-game.mp4"
 
     @classmethod
     def create(
@@ -118,10 +120,27 @@ class RunDir:
                 path.replace(path.with_suffix(".pt.abandoned"))
 
     def retire_result(self) -> None:
-        """Keep the result of an earlier end as ``result-<steps>.json``: the run goes on."""
+        """Keep what an earlier end left as ``result-<steps>.json`` and the like: the run goes on.
+
+        Results of ends the run has gone back behind get ``.abandoned``: their scores are not on its course.
+        """
+        now = int(self.summary()["steps"])
         if self.result_path.is_file():
-            steps = int(self.summary()["steps"])
-            self.result_path.replace(self.path / f"result-{steps}.json")
+            try:
+                steps = int((self.result() or {}).get("steps", now))
+            except RunDirError:  # damaged; the run goes on all the same
+                steps = now
+            for path in (self.result_path, self.curve_path, self.won_game_path):
+                if path.is_file():
+                    path.replace(path.with_stem(f"{path.stem}-{steps}"))
+        for path in self._retired():
+            if int(path.stem.removeprefix("result-")) > now:
+                path.replace(path.with_suffix(".json.abandoned"))
+
+    def _retired(self) -> list[Path]:
+        """Results of earlier ends."""
+        found = sorted(self.path.glob("result-*.json"))
+        return [path for path in found if path.stem.removeprefix("result-").isdecimal()]
 
     @contextmanager
     def lock(self) -> Iterator[None]:
@@ -150,6 +169,24 @@ class RunDir:
         """What ``result.json`` says, or ``None`` before the first end."""
         value: dict[str, Any] | None = self._read_json(self.result_path)
         return value
+
+    def results(self) -> dict[Path, dict[str, Any]]:
+        """What the run's ends left, by file: the last one's, and earlier ones' if it was extended.
+
+        Raises:
+            RunDirError: one of them is damaged.
+        """
+        paths = [*self._retired(), self.result_path]
+        return {path: value for path in paths if (value := self._read_json(path))}
+
+    def victim(self) -> str:
+        """Name of the policy under attack, as the run's score has it; before that, as configured.
+
+        Raises:
+            RunDirError: this is no run directory.
+        """
+        score = self.summary()["evaluation"] or {}
+        return str(score.get("victim", {}).get("name") or self.config().victim)
 
     def summary(self) -> dict[str, Any]:
         """Name, status and progress for listings; never raises for a half-written run."""

@@ -162,7 +162,8 @@ def _numbers(spectacle: Spectacle, programme: Programme, progress: Progress) -> 
     )
     if found is None:
         raise ApilError(
-            f"none of {tries} games was a {programme.until} of the adversary; try --episodes or --seed"
+            f"none of {tries} games was a {programme.until} of the adversary; "
+            "apil play takes --episodes and --seed to try others"
         )
     return [found.number]
 

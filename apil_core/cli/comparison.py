@@ -9,8 +9,8 @@ from typing import Any
 from pydantic import BaseModel
 
 from apil_core.difference import Difference, difference
-from apil_core.errors import RunDirError
 from apil_core.evaluation import EvaluationResult, Rate
+from apil_core.final_score import final_score
 from apil_core.rundir import RunDir
 
 
@@ -60,7 +60,7 @@ def compare(runs: Sequence[RunDir]) -> Comparison:
     Raises:
         RunDirError: one of them is no run directory, or its result is damaged.
     """
-    scores = [_score(run) for run in runs]
+    scores = [final_score(run) for run in runs]
     rows = [_row(run, score) for run, score in zip(runs, scores, strict=True)]
     first = scores[0]
     for row, score in list(zip(rows, scores, strict=True))[1:]:
@@ -72,20 +72,11 @@ def compare(runs: Sequence[RunDir]) -> Comparison:
     return Comparison(rows=rows, spreads=_spreads(rows), warnings=_warnings(rows))
 
 
-def _score(run: RunDir) -> EvaluationResult | None:
-    evaluation = run.summary()["evaluation"]
-    try:
-        return EvaluationResult.model_validate(evaluation) if evaluation else None
-    except ValueError as error:
-        raise RunDirError(f"{run.result_path} is damaged: {' '.join(str(error).split())}") from error
-
-
 def _row(run: RunDir, score: EvaluationResult | None) -> Row:
     config, summary = run.config(), run.summary()
-    facts: dict[str, Any] = {"victim": config.victim}
+    facts: dict[str, Any] = {}
     if score is not None:
         facts = {
-            "victim": score.victim.name,
             "episodes": score.episodes,
             "action_modes": f"{score.adversary_actions}/{score.victim_actions}",
             "win": score.win_rate,
@@ -95,6 +86,7 @@ def _row(run: RunDir, score: EvaluationResult | None) -> Row:
         run=str(run.path),
         method=config.method,
         env=config.env,
+        victim=run.victim(),
         seed=config.seed,
         steps=summary["steps"],
         status=summary["status"],

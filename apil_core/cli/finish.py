@@ -1,14 +1,29 @@
-"""What ``apil run`` and ``apil resume`` say when a run ends, and their exit code."""
+"""What ``apil run`` and ``apil resume`` say and do when a run ends, and their exit code."""
 
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from apil_core.cli.guard import INTERRUPTED
+from apil_core.cli.guard import INTERRUPTED, complain
 
 if TYPE_CHECKING:
+    from apil_core.progress import Progress
     from apil_core.runner import RunResult
+
+
+def finish(result: RunResult, progress: Progress, *, show: bool, as_json: bool) -> dict[str, Any]:
+    """Say how a run ended, make its souvenirs if asked to, and say where everything is.
+
+    Returns:
+        what ``--json`` prints, with a key ``souvenirs`` if there are any to speak of.
+    """
+    document = result.model_dump(mode="json")
+    if not as_json:
+        print_end(result)
+    if show and result.status == "finished":
+        document["souvenirs"] = _souvenirs(result, progress, silent=as_json)
+    return document
 
 
 def print_end(result: RunResult) -> None:
@@ -20,6 +35,22 @@ def print_end(result: RunResult) -> None:
         print_score(result.evaluation)
     if result.status == "finished":
         console().print(f"run        {result.run_dir}, {result.steps:,} steps", markup=False)
+
+
+def _souvenirs(result: RunResult, progress: Progress, *, silent: bool) -> dict[str, Any]:
+    from apil_core.cli.output import console
+    from apil_core.rundir import RunDir
+    from apil_core.souvenirs import make_souvenirs
+
+    progress.note("drawing the learning curve, then looking for a won game to film")
+    made = make_souvenirs(RunDir(result.run_dir), progress)
+    for note in made.notes:
+        complain(note, 0)
+    if not silent:
+        for name, path in (("curve", made.curve), ("won game", made.won_game)):
+            if path is not None:
+                console().print(f"{name:<10} {path}", markup=False)
+    return made.model_dump(mode="json")
 
 
 def exit_code(result: RunResult) -> int:

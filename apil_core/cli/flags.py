@@ -30,6 +30,14 @@ Json = Annotated[
         help="Print the result as JSON on stdout, and nothing else there.",
     ),
 ]
+Show = Annotated[
+    bool,
+    Parameter(
+        show_default=False,
+        group=_REST,
+        help="In the end also draw the learning curve (curve.png) and film a won game (won-game.mp4).",
+    ),
+]
 Quiet = Annotated[bool, Parameter(show_default=False, group=_REST, help="No progress display.")]
 Plugins = Annotated[
     list[Path],
@@ -109,7 +117,16 @@ class ConfigFlags:
 
         layers = self.layers()
         plugins = discover(plugin_files(layers))
-        return resolve_layers(layers, plugins), plugins
+        config = resolve_layers(layers, plugins)
+        if self._names_code(config.victim, plugins):
+            config.trust = True
+        return config, plugins
+
+    def _names_code(self, victim: str, plugins: PluginRegistry) -> bool:
+        """Whether the victim was named on the command line, and loading it runs code of the user's."""
+        spec = plugins.policies.get(victim.partition(":")[0])
+        named = self.victim is not None or any(text.startswith("victim=") for text in self.set)
+        return named and spec is not None and spec.runs_code
 
 
 _Actions = Annotated[
@@ -156,4 +173,5 @@ class PairingFlags:
             "sets": self.sets,
             "checkpoint_path": self.checkpoint,
             "plugin_files": [str(path) for path in self.plugin],
+            "trust": True,  # whoever names a policy on the command line wants its code to run
         }

@@ -8,8 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from apil_core.cli.finish import exit_code, print_end
-from apil_core.cli.flags import Json, Quiet, count
+from apil_core.cli.finish import exit_code, finish
+from apil_core.cli.flags import Json, Quiet, Show, count
 from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
 from apil_core.errors import RunDirError
@@ -26,6 +26,7 @@ def resume(
         Path | None, Parameter(help="Checkpoint to continue from [default: the newest].")
     ] = None,
     threads: Annotated[int | None, Parameter(help="Physics threads; never changes results.")] = None,
+    show: Show = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> int:
@@ -44,8 +45,7 @@ def resume(
             progress=progress,
             command=["apil", *sys.argv[1:]],
         )
+        document = finish(result, progress, show=show, as_json=as_json)
     if as_json:
-        print_json(result)
-    else:
-        print_end(result)
+        print_json(document)
     return exit_code(result)

@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Group, Parameter
 
-from apil_core.cli.finish import exit_code, print_end
-from apil_core.cli.flags import ConfigFlags, Json, Quiet
+from apil_core.cli.finish import exit_code, finish
+from apil_core.cli.flags import ConfigFlags, Json, Quiet, Show
 from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
 from apil_core.errors import RunDirError
 
 if TYPE_CHECKING:
     from apil_core.config import RunConfig
-    from apil_core.runner import RunResult
 
 _OUTPUT = Group("How often, where to", sort_key=2)
 
@@ -52,6 +51,7 @@ def run(
             help="Run directory [default: runs/ENV/METHOD/TIME-sSEED]; with --seeds, one below it each.",
         ),
     ] = None,
+    show: Show = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> int:
@@ -66,21 +66,18 @@ def run(
 
     from apil_core import runner
 
-    results: list[RunResult] = []
+    documents: list[dict[str, Any]] = []
     for seeded, directory in jobs:
         with make_progress(quiet=quiet) as progress:
             result = runner.run(
                 seeded, out=directory, progress=progress, command=["apil", *sys.argv[1:]], plugins=plugins
             )
-        results.append(result)
-        if not as_json:
-            print_end(result)
+            documents.append(finish(result, progress, show=show, as_json=as_json))
         if result.status == "interrupted":
             break
     if as_json:
-        dumped = [result.model_dump(mode="json") for result in results]
-        print_json(dumped if seeds else dumped[0])
-    return exit_code(results[-1])
+        print_json(documents if seeds else documents[0])
+    return exit_code(result)
 
 
 def _jobs(

@@ -1,4 +1,4 @@
-"""``apil runs list | compare``."""
+"""``apil runs list | compare | plot``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from apil_core.cli.comparison import Comparison, Difference
     from apil_core.rundir import RunDir
 
-app = sub_app("runs", "List runs, compare their scores.")
+app = sub_app("runs", "List runs, compare their scores, draw their learning curves.")
+app.command("apil_core.cli.plot:plot", name="plot")
 
 
 @app.command(name="list")
@@ -37,19 +38,20 @@ def list_(
     if as_json:
         print_json(found)
         return
-    rows = table("run", "method", "game", "seed>", "steps>", "status", "win>", "win or tie>")
+    rows = table("run", "method", "game", "victim", "seed>", "steps>", "status", "win>", "win or tie>")
     for entry in found:
         win, win_or_tie = (_share(entry["evaluation"], key) for key in ("win_rate", "win_or_tie_rate"))
         numbers = (str(entry["seed"]), f"{entry['steps']:,}")
-        rows.add_row(entry["path"], entry["method"], entry["env"], *numbers, entry["status"], win, win_or_tie)
+        names = (entry[key] for key in ("path", "method", "env", "victim"))
+        rows.add_row(*names, *numbers, entry["status"], win, win_or_tie)
     console().print(rows if found else f"no runs below {root}")
 
 
 @app.command
 def compare(
-    directories: Annotated[list[Path], Parameter(name="DIR", help="Run directories; the first is the base.")],
-    /,
-    *,
+    *directories: Annotated[
+        Path, Parameter(name="DIR", required=True, help="Run directories; the first is the base.")
+    ],
     as_json: Json = False,
 ) -> None:
     """Compare final scores with the first run's; differences that chance explains are marked."""
@@ -71,10 +73,11 @@ def _entry(run: RunDir) -> dict[str, Any]:
         config, summary = run.config(), run.summary()
     except (ConfigError, RunDirError) as error:
         return {
-            "path": str(run.path), "method": "?", "env": "?", "seed": 0, "steps": 0,
+            "path": str(run.path), "method": "?", "env": "?", "victim": "?", "seed": 0, "steps": 0,
             "status": str(error).splitlines()[0], "evaluation": None,
         }  # fmt: skip
-    return {"method": config.method, "env": config.env, "seed": config.seed, **summary}
+    names = {"method": config.method, "env": config.env, "victim": run.victim()}
+    return {**names, "seed": config.seed, **summary}
 
 
 def _share(evaluation: dict[str, Any] | None, key: str) -> str:
@@ -83,7 +86,7 @@ def _share(evaluation: dict[str, Any] | None, key: str) -> str:
 
 def _print(result: Comparison) -> None:
     rows = table(
-        "run", "method", "game", "seed>", "steps>", "games>",
+        "run", "method", "game", "victim", "seed>", "steps>", "games>",
         "win>", "difference", "win or tie>", "difference",
     )  # fmt: skip
     for row in result.rows:
@@ -91,6 +94,7 @@ def _print(result: Comparison) -> None:
             row.run,
             row.method,
             row.env,
+            row.victim,
             str(row.seed),
             f"{row.steps:,}",
             str(row.episodes),

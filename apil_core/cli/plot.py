@@ -1,0 +1,46 @@
+"""``apil runs plot``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from apil_core.cli.flags import Json
+from apil_core.cli.output import console, print_json
+from apil_core.errors import ConfigError
+
+
+def plot(
+    *directories: Annotated[
+        Path, Parameter(name="DIR", required=True, help="Run directories, finished or not.")
+    ],
+    out: Annotated[Path, Parameter(help="Picture to write: .png, .svg or .pdf.")] = Path("curve.png"),
+    metric: Annotated[
+        list[str] | None,
+        Parameter(
+            metavar="NAME", help="One more panel with this metric of metrics.jsonl, e.g. ppo/kl; repeatable."
+        ),
+    ] = None,
+    force: Annotated[bool, Parameter(show_default=False, help="Replace the picture if it exists.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Draw learning curves: shares of games won and tied, return and imitator over environment steps.
+
+    Runs that differ in the seed only become one line, their mean, with their standard deviation as a band.
+    Points are evaluations with 95 % intervals.
+    """
+    from apil_core.curve_groups import read_groups
+    from apil_core.curve_picture import check_picture, draw_curves
+    from apil_core.rundir import RunDir
+
+    check_picture(out)
+    if out.exists() and not force:
+        raise ConfigError(f"{out} exists already; choose another --out, or --force to replace it")
+    groups = read_groups([RunDir(directory) for directory in directories], metric or [])
+    draw_curves(groups, out)
+    if as_json:
+        print_json({"picture": out, "groups": [group.model_dump(mode="json") for group in groups]})
+    else:
+        console().print(f"curve      {out}", markup=False)
