@@ -12,8 +12,9 @@ def default_victim(spec: GameSpec, plugins: PluginRegistry) -> str:
     The fallback is taken only where the default is known to be absent: damaged weights are an error
     where they are loaded, and never a reason to attack somebody else.
     """
-    absent = spec.default_victim and not is_here(spec.default_victim, plugins)
-    return spec.fallback_victim if absent and spec.fallback_victim else spec.default_victim
+    if not spec.fallback_victim or is_here(spec.default_victim, plugins):
+        return spec.default_victim
+    return spec.fallback_victim
 
 
 def is_here(name: str, plugins: PluginRegistry) -> bool:

@@ -23,9 +23,10 @@ _VERBS = (
         "Compare the games with their originals: measured beside published scores.",
     ),
     ("distill", "distill:distill", _WORK, "Train a compact student of a policy, to ship or to attack."),
-    ("runs", "runs:app", _WORK, "List runs, compare their scores."),
+    ("runs", "runs:app", _WORK, "List runs, compare their scores, draw their learning curves."),
+    ("export", "export:export", _WORK, "Write a trained adversary as ONNX, TorchScript or safetensors."),
     ("config", "config:app", _WORK, "Show, validate, describe and compare configurations."),
-    ("victims", "victims:app", _WORK, "List, import and download victim weights."),
+    ("victims", "victims:app", _WORK, "List, check, import and download victims."),
     ("methods", "offers:methods", _LOOK, "Attack methods there are."),
     ("games", "offers:games", _LOOK, "Games there are."),
     (
@@ -34,6 +35,8 @@ _VERBS = (
         _LOOK,
         "Installed plugins, what they offer, and what is wrong with broken ones.",
     ),
+    ("doctor", "doctor:doctor", _LOOK, "Check this machine: what works, what does not, and what to do."),
+    ("completion", "completion:completion", _LOOK, "Print the shell's completion script."),
 )
 
 

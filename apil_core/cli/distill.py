@@ -13,17 +13,22 @@ from apil_core.cli.flags import Json, Plugins, Quiet, count
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
+from apil_core.distillation.options import DistillConfig
 from apil_core.errors import ConfigError
 
 if TYPE_CHECKING:
     from apil_core.difference import Difference
-    from apil_core.distillation.options import DistillConfig
     from apil_core.distillation.report import Report
     from apil_core.distillation.trainer import Entry
     from apil_core.progress import Progress
 
 _WHO = Group("Who learns from whom", sort_key=0)
 _HOW = Group("How", sort_key=1)
+
+
+def _default(key: str) -> str:
+    """The true default of a setting, for its help."""
+    return f"[default: {DistillConfig.model_fields[key].default}]"
 
 
 @Parameter(name="*")
@@ -46,18 +51,20 @@ class DistillFlags:
         Literal["mlp", "lstm"] | None,
         Parameter(group=_HOW, help="Student's network [default: lstm for a recurrent teacher, else mlp]."),
     ] = None
-    width: Annotated[int | None, Parameter(group=_HOW, help="Units of the LSTM [default: 128].")] = None
+    width: Annotated[int | None, Parameter(group=_HOW, help=f"Units of the LSTM {_default('width')}.")] = None
     steps: Annotated[
         int | None,
         Parameter(
             converter=count,
             group=_HOW,
-            help="Game steps to play and label, rounded up to whole blocks [default: 400000].",
+            help=f"Game steps to play and label, rounded up to whole blocks {_default('steps')}.",
         ),
     ] = None
-    num_envs: Annotated[int | None, Parameter(group=_HOW, help="Games together [default: 128].")] = None
+    num_envs: Annotated[int | None, Parameter(group=_HOW, help=f"Games together {_default('num_envs')}.")] = (
+        None
+    )
     episodes: Annotated[
-        int | None, Parameter(group=_HOW, help="Games of each final score; 0: none [default: 1000].")
+        int | None, Parameter(group=_HOW, help=f"Games of each final score; 0: none {_default('episodes')}.")
     ] = None
     seed: Annotated[int | None, Parameter(group=_HOW, help="Seed of everything random [default: 0].")] = None
     threads: Annotated[

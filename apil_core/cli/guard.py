@@ -28,6 +28,8 @@ def guarded(arguments: list[str]) -> int:
         result = make_app()(arguments)
         sys.stdout.flush()
     except ApilError as error:
+        if os.environ.get("APIL_DEBUG") == "1":  # for mistakes in code of the user's
+            traceback.print_exception(error)
         return complain(str(error), error.exit_code)
     except CycloptsError as error:
         return complain(f"{_one_line(str(error))} (see: {_help_of(error)})", USAGE_ERROR)

@@ -30,15 +30,18 @@ def plugins(*, plugin: Plugins | None = None, as_json: Json = False) -> int:
 
 
 def games(*, plugin: Plugins | None = None, as_json: Json = False) -> None:
-    """List games: sides, default victim, and what they are."""
-    specs = [spec for _, spec in sorted(_discover(plugin).games.items())]
+    """List games: sides, default victim on this machine, and what they are."""
+    from apil_core.default_victim import default_victim
+
+    plugins = _discover(plugin)
+    specs = [spec for _, spec in sorted(plugins.games.items())]
     if as_json:
         print_json([asdict(spec) for spec in specs])
         return
     rows = table("game", "attacked side", "adversary", "default victim", "what it is")
     for spec in specs:
         victim, adversary = spec.sides[spec.victim_side], spec.sides[1 - spec.victim_side]
-        rows.add_row(spec.label, victim, adversary, spec.default_victim or "–", spec.summary)
+        rows.add_row(spec.label, victim, adversary, default_victim(spec, plugins) or "–", spec.summary)
     console().print(rows)
 
 

@@ -59,7 +59,9 @@ class Screen:
 def play(
     adversary: Annotated[
         str,
-        Parameter(name="ADVERSARY", help="Run directory, a policy such as zoo:GAME/SIDE/v1, random or zero."),
+        Parameter(
+            name="ADVERSARY", help="Run directory, policy (zoo:GAME/SIDE/v1, onnx:FILE, …), random or zero."
+        ),
     ],
     /,
     *,

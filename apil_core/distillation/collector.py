@@ -106,6 +106,8 @@ class Collector:
         generator = stream_generator(self._seed, f"distillation {name}", device)
         against = PerturbedOpponent(self.opponent, cast.perturbed, generator)
         game.seed(stream_seed(self._seed, f"distillation games {name}"))
+        for who, policy in (("teacher", self.teacher), ("opponent", self.opponent)):
+            policy.seed(stream_seed(self._seed, f"distillation {who} {name}"))  # generators of its own
         game.reset()
         first = torch.ones(game.num_envs, dtype=torch.bool, device=device)
         for _ in range(steps):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -21,7 +20,7 @@ from apil_core.game import Game, SideLayout
 from apil_core.plugins import PluginRegistry
 from apil_core.policy import Policy
 from apil_core.registry import make_game
-from apil_core.build import load_victim
+from apil_core.seats import load_victim
 from apil_core.specs import GameSpec
 from apil_core.types import View
 from apil_core.victims.student_policy import StudentShape
@@ -174,9 +173,3 @@ def _course(
     sides = (side, 1 - side) if config.both_seats else (side,)
     real, easy = (Collector(each, teacher, opponent, log_std.exp(), config.seed, device) for each in games)
     return Course(config, shape, real, easy, learner, log_std, sides, config.block_steps)
-
-
-def embedded_name(teacher: str) -> str | None:
-    """Name under which a student of that teacher would be shipped, or ``None``."""
-    match = re.fullmatch(r"zoo:(.+)", teacher)
-    return f"embedded:{match[1]}" if match else None

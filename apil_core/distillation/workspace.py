@@ -16,6 +16,7 @@ from torch import Tensor
 
 from apil_core import checkpoint
 from apil_core.distillation.options import DistillConfig
+from apil_core.distillation.report import Report
 from apil_core.errors import RunDirError
 from apil_core.files import write_atomically
 from apil_core.rundir import environment
@@ -121,15 +122,19 @@ class Workspace:
         """Keep the report."""
         self._write(self.report_path, report)
 
-    def report(self) -> dict[str, Any] | None:
-        """The report, or ``None`` where there is none yet."""
+    def report(self) -> Report | None:
+        """The report, or ``None`` where there is none yet.
+
+        Raises:
+            RunDirError: it is damaged.
+        """
         if not self.report_path.is_file():
             return None
         try:
-            found: dict[str, Any] = json.loads(self.report_path.read_text())
-        except json.JSONDecodeError as error:
-            raise RunDirError(f"{self.report_path} is damaged: {error}") from error
-        return found
+            return Report.model_validate_json(self.report_path.read_bytes())
+        except ValidationError as error:
+            reason = error.errors()[0]["msg"]
+            raise RunDirError(f"{self.report_path} is damaged or of another version: {reason}") from error
 
     def drop_blocks(self) -> None:
         """Delete what was played: a finished student needs it no more."""

@@ -8,7 +8,8 @@ from pathlib import Path
 
 VERBS = (
     *("run", "resume", "eval", "play", "fidelity", "runs"),
-    *("config", "victims", "methods", "games", "plugins"),
+    *("export", "config", "victims", "methods", "games", "plugins"),
+    *("doctor", "completion"),
 )
 
 COIN = Path(__file__).with_name("coin_game.py")

@@ -36,12 +36,15 @@ print([name for name in ("torch", "mujoco", "statsmodels", "tensordict") if name
         ["eval", "--help"],
         ["fidelity", "--help"],
         ["play", "--help"],
+        ["export", "--help"],
+        ["victims", "check", "--help"],
         ["config", "diff", "paper", "apil-code"],
         ["config", "show", "--method", "e_apil", "--env", "coin", "--plugin", str(COIN)],
         ["config", "schema"],
         ["plugins"],
         ["methods"],
         ["games"],
+        ["completion", "bash"],
     ],
     ids=" ".join,
 )
@@ -78,7 +81,8 @@ def test_run_help_shows_every_flag_with_the_codes_defaults(apil: Apil) -> None:
 
 
 @pytest.mark.parametrize(
-    "verb", ["resume", "eval", "play", "fidelity", "runs", "runs compare", "victims import", "config diff"]
+    "verb",
+    ["resume", "eval", "play", "fidelity", "runs", "runs compare", "victims import", "config diff", "doctor"],
 )
 def test_every_verb_has_help(apil: Apil, verb: str) -> None:
     done = apil(*verb.split(), "--help")

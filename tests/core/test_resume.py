@@ -14,6 +14,7 @@ import pytest
 
 from apil_core import ApilError, ConfigError, RunDirError, checkpoint, resume, run
 from apil_core.config_io import dump_yaml
+from apil_core.final_score import final_scores
 from apil_core.progress import Progress
 from apil_core.rundir import RunDir
 from core.small_runs import differences, small_config
@@ -193,6 +194,17 @@ def test_going_on_from_an_older_checkpoint_leaves_the_other_future(tmp_path):
     assert names == [f"iteration-{i:08d}.pt" for i in (4, 5, 6)]
     assert differences(state, final_state(tmp_path / "r")) == []
     assert len(list(RunDir(tmp_path / "r").checkpoint_dir.glob("*.abandoned"))) == 2
+
+
+def test_scores_of_a_future_that_was_left_are_not_the_runs(tmp_path):
+    settings = {"checkpoint": {"every_iterations": 1, "keep": 5}, "evaluation": {"episodes": 8}}
+    run(small_config("adrl", steps=1024, **settings), out=tmp_path / "r")
+    resume(tmp_path / "r", steps=2048)
+    directory = RunDir(tmp_path / "r")
+    assert [score.trained_steps for score in final_scores(directory)] == [1024, 2048]
+    resume(tmp_path / "r", checkpoint_path=directory.checkpoint_path(3), steps=2560)
+    assert [score.trained_steps for score in final_scores(directory)] == [1024, 2560]
+    assert (tmp_path / "r" / "result-2048.json.abandoned").is_file()
 
 
 def test_a_run_killed_in_the_final_evaluation_of_an_extension_is_scored(tmp_path):

@@ -11,6 +11,7 @@ import torch
 from apil_core import ApilError, ConfigError, run
 from apil_core.pairing import Pairing, load_pairing
 from apil_core.play import play
+from apil_core.rundir import RunDir
 from apil_core.seeds import stream_seed
 from apil_core.show import Programme, show
 from apil_core.spectacle import Moment, Spectacle
@@ -80,7 +81,7 @@ def test_a_run_can_sit_in_the_seat_it_trained(trained: Path, tmp_path: Path) -> 
     other = tmp_path / "evader"
     run(small_config("adrl", steps=512, victim="baseline:random/7x2", victim_side=1), out=other)
     ours = pairing(trained, victim=str(other))
-    assert ours.victim.info.name == f"run:{other}"
+    assert ours.victim.info.name == f"run:{RunDir(other).newest_checkpoint()}"
     assert Spectacle(ours, seed=0).play(1).steps > 0
     with pytest.raises(ConfigError, match=r"trained the pursuer of toy-pursuit; it cannot be the evader"):
         pairing("random", victim=str(trained))

@@ -9,6 +9,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
+INDEX = ROOT / "docs" / "README.md"
+FIRST_STEPS = ROOT / "docs" / "first-steps.md"
 HOOKS = ROOT / "docs" / "hooks.md"
 
 _MARKER = re.compile(r"<!-- test: (?P<kind>\w+) ?(?P<arguments>.*?) *-->")

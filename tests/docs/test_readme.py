@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +14,21 @@ from cli.cli_helpers import VERBS
 
 from apil_core.cli.app import make_app
 from docs.conftest import Apil
-from docs.pages import HOOKS, README, ROOT, Block, anchors, blocks, commands, links, pages, prose, spans
+from docs.pages import (
+    FIRST_STEPS,
+    HOOKS,
+    INDEX,
+    README,
+    ROOT,
+    Block,
+    anchors,
+    blocks,
+    commands,
+    links,
+    pages,
+    prose,
+    spans,
+)
 
 TOY = ("--env", "toy-pursuit")
 TINY = (
@@ -51,9 +66,9 @@ def name_of(page: Path) -> str:
 # --- code
 
 
-def test_the_readme_and_the_hook_reference_have_examples_to_run() -> None:
+def test_the_readme_the_first_steps_and_the_hook_reference_have_examples_to_run() -> None:
     assert blocks(README, "plugin")
-    assert blocks(README, "python")
+    assert blocks(FIRST_STEPS, "python")
     assert blocks(HOOKS, "plugin")
     assert blocks(HOOKS, "method")
 
@@ -99,8 +114,9 @@ def test_hooks_shown_without_their_class_run(apil: Apil, tmp_path: Path, block: 
 
 @pytest.mark.parametrize("block", marked("python"), ids=str)
 def test_python_shown_in_the_documents_runs(tmp_path: Path, block: Block) -> None:
+    (tmp_path / "example.py").write_text(block.text)  # TorchScript, for one, wants to read its source
     done = subprocess.run(
-        [sys.executable, "-c", block.text], cwd=tmp_path, capture_output=True, text=True, check=False
+        [sys.executable, "example.py"], cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr[-2000:]
 
@@ -154,10 +170,15 @@ def test_flags_named_alone_belong_to_some_verb(apil: Apil, page: Path) -> None:
         "eval",
         "play",
         "fidelity",
+        "runs plot",
         "config schema",
         "config show",
         "victims list",
         "victims download",
+        "doctor",
+        "distill",
+        "export",
+        "victims check",
     )
     text = apil("--help").out + "".join(apil(*verb.split(), "--help").out for verb in verbs)
     for span in spans(page):
@@ -189,9 +210,50 @@ def test_relative_links_lead_somewhere(page: Path) -> None:
         assert not anchor or anchor in anchors(file), f"{target}: no such heading"
 
 
-def test_every_page_of_docs_is_linked_from_the_readme() -> None:
+def test_every_page_of_docs_is_in_the_index_and_that_in_the_readme() -> None:
+    assert str(INDEX.relative_to(ROOT)) in links(README)
     for page in (ROOT / "docs").rglob("*.md"):
-        assert str(page.relative_to(ROOT)) in prose(README), page
+        assert page == INDEX or str(page.relative_to(INDEX.parent)) in links(INDEX), page
+
+
+def test_the_readme_is_for_a_stranger() -> None:
+    assert len(README.read_text("utf-8").splitlines()) < 200
+    assert "![" in README.read_text("utf-8").split("##")[0], "a picture comes before anything else"
+    assert "{{" not in README.read_text("utf-8"), "a number that still has to be measured"
+    first = next(block for block in blocks(README) if block.language == "sh")
+    assert [line.split()[:2] for line in first.text.splitlines()] == [["make", "run"], ["make", "test"]]
+
+
+def test_the_citation_names_every_cited_paper() -> None:
+    from ruamel.yaml import YAML
+
+    cited = YAML(typ="safe").load((ROOT / "CITATION.cff").read_text("utf-8"))
+    assert cited["cff-version"] == "1.2.0"
+    bibtex = (ROOT / "docs" / "citing.md").read_text("utf-8")
+    assert len(cited["references"]) == bibtex.count("@inproceedings") == 4
+    for paper in cited["references"]:
+        assert f"{{{paper['title']}}}" in bibtex
+        assert paper["authors"][0]["family-names"] in bibtex
+
+
+# --- make
+
+
+def printed_by_make(*words: str) -> list[str]:
+    """What ``make -n`` would run, with an environment that is there already."""
+    command = ["make", "--no-print-directory", "-n", "-o", "nowhere/.ready", "VENV=nowhere", *words]
+    environment = {key: value for key, value in os.environ.items() if key not in ("ZOO", "STEPS", "FLAGS")}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True)
+    return done.stdout.splitlines()
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="no make here")
+def test_make_run_imports_nothing_unless_told_to() -> None:
+    (alone,) = printed_by_make("run")
+    assert alone.startswith("nowhere/bin/apil run --method e_apil --env kick-and-defend ")
+    assert "--show" in alone.split()
+    assert printed_by_make("run", "ZOO=/my zoo") == ['nowhere/bin/apil victims import "/my zoo"', alone]
+    assert printed_by_make("run", "FLAGS=--seed 3")[0].split()[-2:] == ["--seed", "3"]
 
 
 def test_every_method_has_its_page() -> None:

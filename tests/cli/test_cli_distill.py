@@ -1,0 +1,68 @@
+"""`apil distill` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from cli.cli_helpers import Apil
+
+TOY = ("--env", "toy-pursuit", "--role", "evader", "--opponent", "baseline:random/7x2", "--steps", "1600")
+SMALL = ("--num-envs", "16", "--threads", "1", "--episodes", "20", "--set", "final_passes=1")
+
+
+def test_a_student_is_made_reported_and_can_be_attacked(apil: Apil, tmp_path: Path) -> None:
+    done = apil("distill", *TOY, *SMALL, "--out", "student", "--quiet", "--json")
+    assert done.code == 0, done.err
+    report = json.loads(done.out)
+    assert report["student_score"]["episodes"] == report["teacher_score"]["episodes"] == 20
+    told = apil("distill", "--resume", "student", "--quiet")
+    assert told.code == 0, told.err
+    assert "scripted:toy-pursuit/evader/v1 → student/student.safetensors" in told.out
+    assert "student minus teacher, win: " in told.out
+    victim = f"safetensors:{tmp_path / 'student' / 'student.safetensors'}"
+    score = apil(
+        *("eval", "random", "--env", "toy-pursuit", "--victim", victim),
+        *("--episodes", "20", "--threads", "1", "--quiet", "--json"),
+    )
+    assert score.code == 0, score.err
+    result = json.loads(score.out)
+    assert result["victim"] == {"name": victim, "sha256": report["student"]}
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--env", "toy-pursuit"], "say what to distill: --env GAME --role SIDE (or --resume DIR)"),
+        (["--resume", "x", "--width", "3"], "--resume takes its settings from the directory"),
+        (["--resume", "x"], "x is no distillation's directory (no distillation.json in it)"),
+        ([*TOY, "--set", "final_pass=1"], "unknown key (did you mean 'final_passes'?)"),
+        ([*TOY, "--set", "practice.max_step=1"], "max_step"),
+        (
+            ["--env", "toy-pursuit", "--role", "evader", "--steps", "0"],
+            "--steps 0: should be greater than 0, got 0",
+        ),
+        (["--env", "toy-pursuit", "--role", "goalie"], "toy-pursuit has no side 'goalie'"),
+        (
+            ["--env", "toy-pursit", "--role", "evader"],
+            "unknown game 'toy-pursit' (did you mean 'toy-pursuit'?",
+        ),
+    ],
+)
+def test_a_mistake_is_one_line_and_makes_nothing(
+    apil: Apil, tmp_path: Path, flags: list[str], message: str
+) -> None:
+    done = apil("distill", *flags, *(() if "--resume" in flags else ("--out", "made")))
+    assert (done.code, done.out) == (2, "")
+    assert done.err.startswith("apil: ")
+    assert done.err.count("\n") == 1
+    assert message in done.err
+    assert not (tmp_path / "made").exists()
+
+
+def test_the_list_of_games_says_what_auto_means_here(apil: Apil) -> None:
+    rows = {line.split()[0]: line for line in apil("games").out.splitlines() if line.strip()}
+    assert "embedded:kick-and-defend/kicker/v1" in rows["kick-and-defend"]
+    assert "scripted:toy-pursuit/evader/v1" in rows["toy-pursuit"]

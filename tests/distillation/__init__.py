@@ -1,0 +1,1 @@
+"""Students of policies: their course, their files, their scores."""

@@ -1,0 +1,94 @@
+"""The students in the package: sizes, provenance, and when ``auto`` means one of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from apil_core import UnknownNameError, View, load_policy
+from apil_core.config import RunConfig
+from apil_core.config_io import complete
+from apil_core.default_victim import default_victim, is_here
+from apil_core.plugins import discover
+from apil_core.seats import victim_name
+from apil_core.victims import catalogue, embedded
+from apil_core.victims.cache import cached_file
+
+STUDENTS = (
+    "kick-and-defend/kicker/v1",
+    "kick-and-defend/defender/v1",
+    "you-shall-not-pass/blocker/v1",
+    "you-shall-not-pass/runner/v1",
+    "sumo-humans/fighter/v3",
+    "sumo-ants/fighter/v1",
+)
+
+
+@pytest.fixture(autouse=True)
+def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("APIL_CACHE", str(tmp_path))
+
+
+@pytest.mark.parametrize("name", STUDENTS)
+def test_every_role_of_the_papers_games_has_a_student_of_at_most_a_megabyte(name: str) -> None:
+    path = embedded.known()[name]
+    assert path.stat().st_size <= 1_000_000
+    policy = load_policy(f"embedded:{name}")
+    teacher = catalogue.entries()[name]
+    facts, told = teacher.facts, policy.info.provenance
+    assert (policy.info.observation_size, policy.info.action_size) == (
+        facts.observation_size,
+        facts.action_size,
+    )
+    assert (told["teacher"], told["teacher_sha256"]) == (teacher.full_name, teacher.sha256)
+    assert {"code", "steps", "student_score", "teacher_score", "action_error"} <= told.keys()
+    own = torch.randn(3, facts.observation_size, generator=torch.Generator().manual_seed(0))
+    decision = policy.act(View(own, own, torch.ones(3, dtype=torch.bool)), sample=False)
+    assert decision.action.shape == (3, facts.action_size)
+    assert decision.action.isfinite().all()
+    assert decision.action.std() > 0.01, "it reacts to what it sees"
+
+
+def test_all_are_listed_as_being_here() -> None:
+    rows = {row.name: row for row in embedded.list_embedded()}
+    assert set(rows) >= {f"embedded:{name}" for name in STUDENTS}
+    for row in rows.values():
+        assert row.available
+        assert len(row.sha256) == 64
+        assert row.provenance.startswith("student of zoo:")
+
+
+def test_a_wrong_name_is_told_the_right_ones() -> None:
+    with pytest.raises(UnknownNameError, match=r"did you mean 'embedded:kick-and-defend/kicker/v1'"):
+        load_policy("embedded:kick-and-defend/kicker/v2")
+
+
+@pytest.mark.parametrize("env", ["kick-and-defend", "you-shall-not-pass", "sumo-humans", "sumo-ants"])
+def test_auto_is_the_zoo_agent_where_it_is_imported_and_else_the_embedded_one(env: str) -> None:
+    plugins = discover()
+    spec = plugins.game(env)
+    assert spec.fallback_victim == spec.default_victim.replace("zoo:", "embedded:")
+    assert default_victim(spec, plugins) == spec.fallback_victim
+    assert victim_name(RunConfig(env=env), plugins) == spec.fallback_victim
+    assert complete(RunConfig(env=env, method="adrl"), plugins).victim == spec.fallback_victim
+    file = cached_file(catalogue.entries()[spec.default_victim.removeprefix("zoo:")])
+    file.parent.mkdir(parents=True)
+    file.write_bytes(b"damaged: an error where it is loaded, never a reason to attack somebody else")
+    assert default_victim(spec, plugins) == spec.default_victim
+    assert complete(RunConfig(env=env, method="adrl"), plugins).victim == spec.default_victim
+
+
+def test_a_game_without_fallback_keeps_its_own_victim() -> None:
+    plugins = discover()
+    for env in ("run-to-goal-humans", "toy-pursuit"):
+        spec = plugins.game(env)
+        assert default_victim(spec, plugins) == spec.default_victim
+
+
+def test_where_no_list_tells_a_policy_counts_as_here() -> None:
+    plugins = discover()
+    assert is_here("baseline:zero/3x1", plugins)
+    assert is_here("nobody:knows", plugins)
+    assert not is_here("zoo:kick-and-defend/kicker/v1", plugins)
