@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from apil_core.difference import Difference
     from apil_core.distillation.report import Report
     from apil_core.distillation.trainer import Entry
+    from apil_core.plugins import PluginRegistry
     from apil_core.progress import Progress
 
 _WHO = Group("Who learns from whom", sort_key=0)
@@ -125,7 +126,7 @@ def distill(
             report = resume_distillation(resume, progress=progress, on_stage=tell, plugins=registry)
             where = resume
         else:
-            config = _config(flags)
+            config = _config(flags, registry)
             where = out or Path("runs") / config.env / "distill" / f"{config.role}-s{config.seed}"
             command = ["apil", *sys.argv[1:]]
             report = start(
@@ -137,12 +138,15 @@ def distill(
         _print_report(report, where)
 
 
-def _config(flags: DistillFlags) -> DistillConfig:
+def _config(flags: DistillFlags, plugins: PluginRegistry) -> DistillConfig:
     from apil_core.distillation.settings import settings
 
     if flags.env is None or flags.role is None:
         raise ConfigError("say what to distill: --env GAME --role SIDE (or --resume DIR)")
-    return settings(flags.given(), flags.sets)
+    config = settings(flags.given(), flags.sets)
+    specs = (plugins.policies.get(name.partition(":")[0]) for name in (config.teacher, config.opponent))
+    named_code = any(spec is not None and spec.runs_code for spec in specs)
+    return config.model_copy(update={"trust": True}) if named_code else config
 
 
 def _teller(progress: Progress) -> Any:

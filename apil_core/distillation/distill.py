@@ -15,8 +15,10 @@ from apil_core.distillation.report import Report, make_report, score_of
 from apil_core.distillation.setting import Setting, named, prepare
 from apil_core.distillation.trainer import Entry, Standard
 from apil_core.distillation.workspace import Workspace
+from apil_core.errors import VictimError
 from apil_core.evaluation import MAX_PARALLEL_GAMES, EvaluationResult
 from apil_core.plugins import PluginRegistry
+from apil_core.policy import Policy
 from apil_core.progress import Progress
 from apil_core.registry import default_plugins, make_game
 from apil_core.rundir import environment
@@ -70,6 +72,7 @@ def resume_distillation(
 
     Raises:
         RunDirError: no distillation there, or one that cannot be continued.
+        VictimError: the teacher's or the opponent's weights have changed since it began.
     """
     space = Workspace(directory)
     config = space.settings()
@@ -122,14 +125,27 @@ def _keep(setting: Setting, space: Workspace) -> None:
             "log": [asdict(entry) for entry in course.log],
             "standard": asdict(course.standard),
             "learner": course.learner.state_dict(),
+            "policies": {who: policy.info.sha256 for who, policy in _who(setting).items()},
         }
     )
+
+
+def _who(setting: Setting) -> dict[str, Policy]:
+    """Whose weights must not change on the way."""
+    return {"teacher": setting.teacher, "opponent": setting.opponent}
 
 
 def _restore(setting: Setting, space: Workspace) -> None:
     state = space.state()
     if state is None:
         return
+    for who, policy in _who(setting).items():
+        expected = state.get("policies", {}).get(who, policy.info.sha256)  # older states do not say
+        if policy.info.sha256 != expected:
+            raise VictimError(
+                f"the {who} {policy.info.name} has changed since the distillation began: "
+                f"SHA-256 {policy.info.sha256}, expected {expected}"
+            )
     course = setting.course
     course.log = [Entry(**entry) for entry in state["log"]]
     device = course.log_std.device

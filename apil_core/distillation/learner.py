@@ -65,7 +65,7 @@ class Block:
 
 
 class StudentNetwork(nn.Module):
-    """ReLU layer and LSTM (or neither), ELU layers, linear output; see :class:`StudentShape`."""
+    """ReLU layer and LSTM (or neither), tanh layers, linear output; see :class:`StudentShape`."""
 
     def __init__(self, shape: StudentShape):
         super().__init__()
@@ -96,7 +96,7 @@ class StudentNetwork(nn.Module):
         if self.shape.kind == "lstm":
             z, memory = self._remember(z, done, memory)
         for layer in self.mlp[:-1]:
-            z = F.elu(layer(z))
+            z = torch.tanh(layer(z))
         return self.mlp[-1](z), memory
 
     def _remember(self, x: Tensor, done: Tensor, memory: Memory) -> tuple[Tensor, Memory]:

@@ -20,6 +20,8 @@ class DistillConfig(Section):
     """Policy to imitate; auto: the agent the game names for this side."""
     opponent: str = "auto"
     """Whom it plays meanwhile, and in the report; auto: the agent the game names for the other side."""
+    trust: bool = False
+    """Allow players whose loading runs code, e.g. python:...; set by naming one on the command line."""
     network: Literal["auto", "mlp", "lstm"] = "auto"
     """Student's network; auto: lstm for a recurrent teacher, else mlp."""
     width: Annotated[int, Field(gt=0)] = 128
@@ -27,7 +29,7 @@ class DistillConfig(Section):
     embed: Annotated[int, Field(ge=0)] = 128
     """ReLU units before the LSTM; 0: none."""
     hidden: tuple[Annotated[int, Field(gt=0)], ...] | None = None
-    """ELU layers before the output; null: none above an LSTM, else 256 and 128."""
+    """tanh layers before the output; null: none above an LSTM, else 64 and 64."""
     steps: Annotated[int, Field(gt=0)] = 500_000
     """Game steps to play and label, rounded up to whole blocks, at least two. In the first block the teacher
     acts, afterwards mostly the student (DAgger)."""
@@ -39,8 +41,8 @@ class DistillConfig(Section):
     """Passes over each new block, each after one over an earlier block drawn at random."""
     final_passes: Annotated[int, Field(ge=0)] = 25
     """Passes over all blocks at the end, while the learning rate falls to zero."""
-    learning_rate: Annotated[float, Field(gt=0)] = 2e-3
-    """Adam's step size before the final passes."""
+    learning_rate: Annotated[float, Field(gt=0)] | None = None
+    """Adam's step size before the final passes; null: 2e-3 with an LSTM, else 1e-2."""
     minibatch: Annotated[int, Field(gt=0)] = 512
     """Steps behind each gradient."""
     gradient_length: Annotated[int, Field(gt=0)] = 8

@@ -20,7 +20,7 @@ from apil_core.game import Game, SideLayout
 from apil_core.plugins import PluginRegistry
 from apil_core.policy import Policy
 from apil_core.registry import make_game
-from apil_core.seats import load_victim
+from apil_core.seats import Taking, load_victim
 from apil_core.specs import GameSpec
 from apil_core.types import View
 from apil_core.victims.student_policy import StudentShape
@@ -96,10 +96,13 @@ def prepare(config: DistillConfig, plugins: PluginRegistry) -> Setting:
     game = _game(config, plugins, {})
     practice = _game(config, plugins, config.practice) if config.practice else game
     try:
-        teacher = load_victim(config.teacher, game, side, config.device, plugins)
-        opponent = load_victim(config.opponent, game, 1 - side, config.device, plugins)
+        taking = Taking(config.trust)
+        teacher = load_victim(config.teacher, game, side, config.device, plugins, taking)
+        opponent = load_victim(config.opponent, game, 1 - side, config.device, plugins, taking)
         log_std, recurrent = _look_at(teacher, game.layout.sides[side], device)
-        full = _complete(config, game.layout.max_steps, recurrent)
+        full = _complete(config, game.layout.max_steps, recurrent).model_copy(
+            update={"teacher": teacher.info.name, "opponent": opponent.info.name}  # found from anywhere
+        )
         torch.manual_seed(config.seed)  # the student's first weights
         course = _course(full, (game, practice), teacher, opponent, side, log_std, device)
     except BaseException:
@@ -142,9 +145,15 @@ def _complete(config: DistillConfig, max_steps: int, recurrent: bool) -> Distill
     kind = config.network if config.network != "auto" else ("lstm" if recurrent else "mlp")
     hidden = config.hidden
     if hidden is None:
-        hidden = () if kind == "lstm" else (256, 128)
-    steps = config.block_steps or min(max_steps, _LONGEST_BLOCK)
-    return config.model_copy(update={"network": kind, "hidden": hidden, "block_steps": steps})
+        hidden = () if kind == "lstm" else (64, 64)
+    filled = {
+        "network": kind,
+        "hidden": hidden,
+        "block_steps": config.block_steps or min(max_steps, _LONGEST_BLOCK),
+        # the zoo's tanh networks have large weights: small steps do not get there (docs/victims.md)
+        "learning_rate": config.learning_rate or (2e-3 if kind == "lstm" else 1e-2),
+    }
+    return config.model_copy(update=filled)
 
 
 def _course(
@@ -160,6 +169,7 @@ def _course(
     assert config.network != "auto"
     assert config.hidden is not None
     assert config.block_steps is not None
+    assert config.learning_rate is not None
     sizes = seat.observation_size, seat.action_size
     width, embed = (config.width, config.embed) if config.network == "lstm" else (0, 0)
     shape = StudentShape(config.network, *sizes, width, config.hidden, config.observation_clip, embed)

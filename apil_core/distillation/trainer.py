@@ -166,13 +166,14 @@ class Course:
 
     def _final_pass(self) -> float:
         """Over all blocks, at a rate that falls linearly to zero over all final passes."""
-        number = self.done - self.rounds
+        number, rate = self.done - self.rounds, self.config.learning_rate
+        assert rate is not None, "the settings are complete"
         generator = self._generator(f"final {number}")
         order = torch.randperm(len(self.blocks), generator=generator).tolist()
         errors = []
         for i, index in enumerate(order):
             left = 1 - (number + i / len(order)) / self.config.final_passes
-            self.learner.set_learning_rate(self.config.learning_rate * left)
+            self.learner.set_learning_rate(rate * left)
             errors.append(self.learner.train(self.blocks[index], generator))
         return math.fsum(errors) / len(errors)
 

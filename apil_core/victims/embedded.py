@@ -6,7 +6,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from safetensors import safe_open
+from safetensors import SafetensorError, safe_open
 
 from apil_core.errors import UnknownNameError
 from apil_core.specs import PolicyListing
@@ -35,8 +35,11 @@ def list_embedded() -> list[PolicyListing]:
 
 
 def _listing(name: str, path: Path) -> PolicyListing:
-    with safe_open(path, framework="numpy") as file:
-        metadata = file.metadata() or {}
+    try:
+        with safe_open(path, framework="numpy") as file:
+            metadata = file.metadata() or {}
+    except (SafetensorError, OSError):  # loading it says so
+        metadata = {}
     told = provenance_of(metadata)
     source = f"student of {told.get('teacher', 'an unknown teacher')}, {told.get('steps', '?')} steps"
     return PolicyListing(f"{SCHEME}:{name}", True, metadata.get("weights_sha256", ""), source)

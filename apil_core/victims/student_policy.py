@@ -28,7 +28,7 @@ class StudentShape:
         kind: ``lstm`` below the MLP, or the MLP alone.
         observation_size, action_size: of the seat.
         width: of the LSTM; 0 for ``mlp``.
-        hidden: ELU layers above it.
+        hidden: tanh layers above it.
         clip: bound of the standardised observation.
         embed: ReLU units between observation and LSTM; 0: none.
     """
@@ -62,7 +62,7 @@ class StudentShape:
 
 
 class StudentPolicy(Policy):
-    """Standardised observation → optional ReLU layer → optional LSTM → ELU layers → mean action.
+    """Standardised observation → optional ReLU layer → optional LSTM → tanh layers → mean action.
 
     Actions are drawn from a normal distribution whose standard deviation is its teacher's.
 
@@ -100,7 +100,7 @@ class StudentPolicy(Policy):
         x = self._remember(z, view.first)
         last = len(self.shape.hidden)
         for i in range(last):
-            x = F.elu_(F.linear(x, w[f"mlp.{i}.weight"], w[f"mlp.{i}.bias"]))
+            x = torch.tanh_(F.linear(x, w[f"mlp.{i}.weight"], w[f"mlp.{i}.bias"]))
         mean = F.linear(x, w[f"mlp.{last}.weight"], w[f"mlp.{last}.bias"])
         distribution = DiagonalGaussian(mean, self._std)
         action = distribution.sample(generator) if sample else mean
