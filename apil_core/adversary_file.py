@@ -9,17 +9,16 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import torch
-from pydantic import ValidationError
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
 from apil_core.adversary import AdversaryPolicy
 from apil_core.build import adversary_policy
-from apil_core.checkpoint_fit import fitting
 from apil_core.config import RunConfig
 from apil_core.errors import ApilError, ConfigError, VictimError
 from apil_core.game import GameLayout, SideLayout
@@ -28,6 +27,9 @@ from apil_core.policy import PolicyInfo
 from apil_core.victims.foreign.origin import Origin, one_line
 
 FORMAT = "apil-adversary-1"
+
+_ODD = (AttributeError, LookupError, RuntimeError, TypeError, ValueError)
+"""What content of another shape than ours causes; too deep JSON is a RuntimeError."""
 
 _PARTS = ("groups", "builder", "methods", "learner")
 
@@ -50,12 +52,33 @@ def to_bytes(
     metadata = {
         "format": FORMAT,
         "state": json.dumps(tree),
-        "config": config.model_dump_json(),
+        "config": _shareable(config).model_dump_json(),
         "layout": json.dumps(_plain_layout(layout)),
         "side": str(side),
         "provenance": json.dumps(dict(provenance)),
     }
     return save(tensors, metadata)
+
+
+def without_folders(name: str) -> str:
+    """A policy's name without the folders of this machine, which are nobody's business."""
+    scheme, _, rest = name.rpartition(":")
+    path = Path(rest)
+    if not path.is_absolute():
+        return name
+    kept = path.parts[-3:] if path.parent.name == "checkpoints" else path.parts[-1:]  # with the run's name
+    return f"{scheme}:{'/'.join(kept)}" if scheme else "/".join(kept)
+
+
+def _shareable(config: RunConfig) -> RunConfig:
+    """What loading does not need names files of this machine by their last part, or not at all."""
+    return config.model_copy(
+        update={
+            "victim": without_folders(config.victim),
+            "plugins": tuple(Path(file).name for file in config.plugins),
+            "init_from": None,
+        }
+    )
 
 
 def load_file(
@@ -78,11 +101,11 @@ def load_file(
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118  (no mapping)
         state = _put_back(json.loads(metadata["state"]), tensors)
         config = RunConfig.model_validate_json(metadata["config"])
-        layout, side = _layout(json.loads(metadata["layout"])), int(metadata["side"])
-        provenance = json.loads(metadata["provenance"])
-    except (SafetensorError, OSError, ValueError, KeyError, TypeError, ValidationError) as error:
+        layout, side = _layout(json.loads(metadata["layout"])), ("0", "1").index(metadata["side"])
+        trained = layout.sides[side]
+        provenance = dict(json.loads(metadata["provenance"]))
+    except (SafetensorError, OSError, *_ODD) as error:
         raise origin.wrong(f"a file of format {FORMAT}", f"a damaged one ({one_line(error)})") from error
-    trained = layout.sides[side]
     if seat not in (None, trained):
         raise ConfigError(f"{origin.name} is the {trained.name} of {config.env}; this is another seat")
     if config.method not in plugins.methods:
@@ -95,10 +118,12 @@ def load_file(
     info = PolicyInfo(origin.name, origin.sha256, *sizes, provenance, bounds)
     config = config.model_copy(update={"device": device, "plugins": ()})
     try:
-        with torch.random.fork_rng(devices=[]), fitting(origin.path):
+        with torch.random.fork_rng(devices=[]):
             policy = adversary_policy(state, info, config, layout, side, plugins, 0)
     except ApilError as error:
         raise VictimError(f"{origin.name}: {error}") from error
+    except _ODD as error:
+        raise origin.wrong(f"state that fits method {config.method!r}", one_line(error)) from error
     if policy.hooks.fills("filter_observation"):
         raise ConfigError(f"{origin.name} filters what both sides see; it can only play from its run")
     return policy

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from pydantic import BaseModel
@@ -12,12 +11,7 @@ from pydantic import BaseModel
 from apil_core.curves import Curve, Line, read_curve
 from apil_core.errors import ConfigError, RunDirError
 from apil_core.rundir import RunDir
-
-_FREE: Any = {
-    **dict.fromkeys(("seed", "threads", "device", "checkpoint", "recorders", "trust"), True),
-    "evaluation": {"episodes", "every_steps", "periodic_episodes"},
-}
-"""Settings in which runs of one attack may differ."""
+from apil_core.same_attack import seed_groups
 
 
 class CurveGroup(BaseModel):
@@ -52,22 +46,13 @@ def read_groups(runs: Sequence[RunDir], metrics: Sequence[str] = ()) -> list[Cur
     twice = [path for path, times in Counter(run.path.resolve() for run in runs).items() if times > 1]
     if twice:
         raise ConfigError(f"{twice[0]} is named twice")
-    groups: dict[tuple[str, int], list[Curve]] = {}
-    for run in runs:
-        attack, curve = _attack(run), read_curve(run, metrics)
-        copy = sum(curve.seed in (c.seed for c in group) for (a, _), group in groups.items() if a == attack)
-        groups.setdefault((attack, copy), []).append(curve)
-    members = list(groups.values())
+    curves = [read_curve(run, metrics) for run in runs]
+    members = [[curves[place] for place in group] for group in seed_groups(runs)]
     labels = _labels([group[0] for group in members])
     return [
         CurveGroup(label=label, curves=group, lines=_together(group))
         for label, group in zip(labels, members, strict=True)
     ]
-
-
-def _attack(run: RunDir) -> str:
-    """All settings that make the attack, as a text to compare."""
-    return run.config().model_dump_json(exclude=_FREE)
 
 
 def _labels(firsts: Sequence[Curve]) -> list[str]:

@@ -17,11 +17,11 @@ from typing import Literal
 import torch
 
 from apil_core import checkpoint
-from apil_core.adversary_file import to_bytes
+from apil_core.adversary_file import to_bytes, without_folders
 from apil_core.config import RunConfig
 from apil_core.errors import ApilError, ConfigError
 from apil_core.exported_network import Traced, onnx_bytes, torchscript_bytes, trace
-from apil_core.extras import need_extra
+from apil_core.extras import need
 from apil_core.files import write_atomically
 from apil_core.game import Game
 from apil_core.plugins import PluginRegistry, discover
@@ -69,6 +69,7 @@ def export(
     *,
     checkpoint_path: Path | None = None,
     plugin_files: tuple[str, ...] = (),
+    force: bool = False,
 ) -> Exported:
     """Write the adversary of a run to a file, load the file again, and compare the two in real games.
 
@@ -78,10 +79,11 @@ def export(
         out: the file; default: ``adversary`` with the format's suffix, in the run's directory.
         checkpoint_path: take this checkpoint rather than the newest.
         plugin_files: further one-file plugins.
+        force: replace the file if it exists.
 
     Raises:
-        ApilError: there is no such run, it cannot be expressed in that format, or what was written does
-            not act as the run does (then nothing is left behind).
+        ApilError: there is no such run, the file exists, the run cannot be expressed in that format, or what
+            was written does not act as the run does (then nothing is left behind).
     """
     path = run_path(run)
     if path is None:
@@ -92,8 +94,10 @@ def export(
         raise ConfigError(
             f"--out {out}: {'is a directory' if out.is_dir() else f'no directory {out.parent}'}"
         )
+    if out.exists() and not force:
+        raise ConfigError(f"{out} exists already; choose another --out, or --force to replace it")
     if format == "onnx":
-        need_extra("onnxruntime", "onnx", "ONNX exports")  # each is tried in it
+        need("onnxruntime", "onnxruntime", "ONNX exports", extra="onnx")  # each is tried in it
     config = source.run_dir.config().model_copy(update={"device": "cpu"})
     files = [*config.plugins, *plugin_files]
     plugins = discover(files) if files else default_plugins()
@@ -128,7 +132,7 @@ class _Export:
             "method": config.method,
             "game": config.env,
             "side": self.seat.name,
-            "victim": config.victim,
+            "victim": without_folders(config.victim),
             "apil": metadata.version("apil"),
             "torch": metadata.version("torch"),
         }
@@ -163,16 +167,22 @@ class _Export:
         """Largest deviation of the mode over the views.
 
         Raises:
-            ApilError: it is more than rounding explains.
+            ApilError: it is more than rounding explains, or no number.
         """
-        largest = 0.0
+        differences = []
         for view in self.views:
             ours, theirs = (who.act(view, sample=False) for who in (self.policy, written))
             pairs = [(ours.action, theirs.action)]
             if ours.distribution is not None and theirs.distribution is not None:
                 std = [who.distribution.std.expand_as(who.action) for who in (ours, theirs)]  # type: ignore
                 pairs.append((std[0], std[1]))
-            largest = max(largest, *(float((a - b).abs().max()) for a, b in pairs))
+            if not all(expected.isfinite().all() for expected, _ in pairs):
+                raise ApilError(
+                    f"the actions of {self.source.path} are not finite: its training diverged; "
+                    "choose an earlier one with --checkpoint"
+                )
+            differences += [(a - b).abs().max() for a, b in pairs]
+        largest = float(torch.stack(differences).max())  # NaN if one is, unlike Python's max
         if not largest <= TOLERANCE:
             raise ApilError(
                 f"the exported file does not act as the run does (difference {largest:.2g}, allowed "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import warnings
+import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from apil_core.adversary import AdversaryPolicy
 from apil_core.errors import ApilError
 from apil_core.game import SideLayout
 from apil_core.types import View
+from apil_core.victims.foreign.archive import rebuilt
 from apil_core.victims.foreign.network import SIGNATURE_FILE, Reads, Signature
 from apil_core.victims.foreign.origin import one_line
 
@@ -130,9 +132,23 @@ def torchscript_bytes(traced: Traced) -> bytes:
             script = torch.jit.trace(traced.network, traced.inputs, check_trace=False)
             script = torch.jit.freeze(script.eval())
             torch.jit.save(script, buffer, _extra_files={SIGNATURE_FILE: traced.signature.model_dump_json()})
+        return _without_places(buffer)
     except Exception as error:
         raise _untraceable(error) from error
-    return buffer.getvalue()
+
+
+def _without_places(archive: io.BytesIO) -> bytes:
+    """The archive without the tracebacks in it: they name files of this machine, and nothing needs them."""
+    with zipfile.ZipFile(archive) as read:
+        content = {name.partition("/")[2]: read.read(name) for name in read.namelist()}
+    version = int(content["version"])
+    written_anew = ("version", "byteorder", ".data/")
+    kept = {
+        name: data
+        for name, data in content.items()
+        if not name.startswith(written_anew) and not name.endswith(".debug_pkl")
+    }
+    return rebuilt(kept, version).getvalue()
 
 
 def onnx_bytes(traced: Traced) -> bytes:

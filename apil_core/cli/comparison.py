@@ -12,6 +12,7 @@ from apil_core.difference import Difference, difference
 from apil_core.evaluation import EvaluationResult, Rate
 from apil_core.final_score import final_score
 from apil_core.rundir import RunDir
+from apil_core.same_attack import seed_groups
 
 
 class Row(BaseModel):
@@ -69,7 +70,7 @@ def compare(runs: Sequence[RunDir]) -> Comparison:
             row.win_or_tie_difference = difference(
                 score.wins + score.ties, score.episodes, first.wins + first.ties, first.episodes
             )
-    return Comparison(rows=rows, spreads=_spreads(rows), warnings=_warnings(rows))
+    return Comparison(rows=rows, spreads=_spreads(runs, rows), warnings=_warnings(rows))
 
 
 def _row(run: RunDir, score: EvaluationResult | None) -> Row:
@@ -94,14 +95,15 @@ def _row(run: RunDir, score: EvaluationResult | None) -> Row:
     )
 
 
-def _spreads(rows: Sequence[Row]) -> list[Spread]:
-    groups: dict[tuple[str, str, str, int, str], list[tuple[int, float, float]]] = {}
-    for row in rows:
-        if row.win is not None and row.win_or_tie is not None:
-            key = (row.method, row.env, row.victim, row.steps, row.action_modes)
-            groups.setdefault(key, []).append((row.seed, row.win.value, row.win_or_tie.value))
+def _spreads(runs: Sequence[RunDir], rows: Sequence[Row]) -> list[Spread]:
+    groups: dict[tuple[int, str, str, str, int, str], list[tuple[int, float, float]]] = {}
+    for number, places in enumerate(seed_groups(runs)):
+        for row in (rows[place] for place in places):
+            if row.win is not None and row.win_or_tie is not None:
+                key = (number, row.method, row.env, row.victim, row.steps, row.action_modes)
+                groups.setdefault(key, []).append((row.seed, row.win.value, row.win_or_tie.value))
     spreads = []
-    for (method, env, victim, steps, _), members in groups.items():
+    for (_, method, env, victim, steps, _), members in groups.items():
         seeds, wins, wins_or_ties = (list(column) for column in zip(*members, strict=True))
         if len(set(seeds)) > 1:
             spreads.append(

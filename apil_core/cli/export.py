@@ -30,6 +30,7 @@ def export(
         Path | None, Parameter(help="Checkpoint of the run to take [default: the newest].")
     ] = None,
     plugin: Plugins | None = None,
+    force: Annotated[bool, Parameter(show_default=False, help="Replace the file if it exists.")] = False,
     as_json: Json = False,
 ) -> None:
     """Write a trained adversary to one file that other programs, or apil again, can load.
@@ -39,7 +40,7 @@ def export(
     from apil_core.export import export as write
 
     files = tuple(str(path) for path in plugin or ())
-    result = write(run, format, out, checkpoint_path=checkpoint, plugin_files=files)
+    result = write(run, format, out, checkpoint_path=checkpoint, plugin_files=files, force=force)
     if as_json:
         print_json({**asdict(result), "file": str(result.file)})
     else:

@@ -36,7 +36,7 @@ def games(*, plugin: Plugins | None = None, as_json: Json = False) -> None:
     plugins = _discover(plugin)
     specs = [spec for _, spec in sorted(plugins.games.items())]
     if as_json:
-        print_json([asdict(spec) for spec in specs])
+        print_json([{**asdict(spec), "victim_here": default_victim(spec, plugins)} for spec in specs])
         return
     rows = table("game", "attacked side", "adversary", "default victim", "what it is")
     for spec in specs:

@@ -156,7 +156,8 @@ class Course:
             block.record(seen, sample.label / sigma, sample.done)
             learner.ended(sample.done)
 
-        side = self.sides[number % len(self.sides)]
+        # shifted by one at every block of true physics, so that each seat plays some of it
+        side = self.sides[(number + number // _TRUE_BLOCKS) % len(self.sides)]
         games = self.practice if number % _TRUE_BLOCKS else self.collector
         games.play(f"block {number}", side, self.block_steps, cast, act, take)
         return float(torch.stack(errors).mean())

@@ -8,7 +8,7 @@ from pathlib import Path
 
 VERBS = (
     *("run", "resume", "eval", "play", "fidelity", "runs"),
-    *("export", "config", "victims", "methods", "games", "plugins"),
+    *("distill", "export", "config", "victims", "methods", "games", "plugins"),
     *("doctor", "completion"),
 )
 

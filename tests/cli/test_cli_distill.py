@@ -32,6 +32,18 @@ def test_a_student_is_made_reported_and_can_be_attacked(apil: Apil, tmp_path: Pa
     assert result["victim"] == {"name": victim, "sha256": report["student"]}
 
 
+def test_a_teacher_may_be_code_that_is_named_here(apil: Apil, tmp_path: Path) -> None:
+    code = "def flee(seen):\n    return -seen[:, 2:4].clamp(-1, 1), seen.new_zeros(2)\n"
+    (tmp_path / "teaches_to_flee.py").write_text(code)
+    players = ("--teacher", "python:teaches_to_flee:flee", "--opponent", "random")
+    flags = ("--env", "toy-pursuit", "--role", "evader", *players, "--steps", "1600", *SMALL, "--out", "s")
+    done = apil("distill", *flags, "--quiet", "--json")
+    assert done.code == 0, done.err
+    assert json.loads(done.out)["teacher"] == "python:teaches_to_flee:flee"
+    settings = json.loads((tmp_path / "s" / "distillation.json").read_text())
+    assert (settings["trust"], settings["opponent"]) == (True, "baseline:random/7x2")
+
+
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
@@ -66,3 +78,5 @@ def test_the_list_of_games_says_what_auto_means_here(apil: Apil) -> None:
     rows = {line.split()[0]: line for line in apil("games").out.splitlines() if line.strip()}
     assert "embedded:kick-and-defend/kicker/v1" in rows["kick-and-defend"]
     assert "scripted:toy-pursuit/evader/v1" in rows["toy-pursuit"]
+    told = {spec["name"]: spec["victim_here"] for spec in json.loads(apil("games", "--json").out)}
+    assert told["kick-and-defend"] == "embedded:kick-and-defend/kicker/v1"

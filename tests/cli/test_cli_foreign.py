@@ -138,6 +138,9 @@ def test_a_run_is_exported_and_plays_again(apil: Apil, tmp_path: Path) -> None:
     assert told["difference"] <= 1e-5
     shown = apil("export", "r", "--format", "torchscript", "--out", "mine.pt")
     assert f"load it as torchscript:{tmp_path}/mine.pt" in shown.out
+    again = ("export", "r", "--format", "torchscript", "--out", "mine.pt")
+    assert "mine.pt exists already; choose another --out, or --force to replace it" in apil(*again).err
+    assert apil(*again, "--force").code == 0
     scores = [
         json.loads(apil("eval", *who, "--episodes", "30", "--quiet", "--json").out)
         for who in (("run:r",), ("r",), (told["name"], *TOY), (f"torchscript:{tmp_path}/mine.pt", *TOY))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
+import zipfile
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -12,8 +14,20 @@ from typing import Any
 import pytest
 import torch
 from safetensors import safe_open
+from safetensors.torch import save_file
 
-from apil_core import ApilError, ConfigError, RunDirError, VictimError, View, evaluate, load_policy, run
+import apil_core
+from apil_core import (
+    ApilError,
+    ConfigError,
+    RunDirError,
+    VictimError,
+    View,
+    checkpoint,
+    evaluate,
+    load_policy,
+    run,
+)
 from apil_core.export import Exported, export
 from apil_core.registry import default_plugins, make_game
 from apil_core.rundir import RunDir
@@ -230,4 +244,71 @@ def test_the_default_place_is_in_the_run(runs: Path) -> None:
     result = export(runs / "adrl", "safetensors")
     assert result.file == RunDir(runs / "adrl").path / "adversary.safetensors"
     older = RunDir(runs / "adrl").checkpoints()[0]
-    assert export(runs / "adrl", "safetensors", checkpoint_path=older).provenance["steps"] == "1024"
+    again = export(runs / "adrl", "safetensors", checkpoint_path=older, force=True)
+    assert again.provenance["steps"] == "1024"
+
+
+def test_a_file_that_exists_is_only_replaced_if_asked(runs: Path) -> None:
+    config = runs / "adrl" / "config.yaml"
+    before = config.read_bytes()
+    with pytest.raises(ConfigError, match=r"config\.yaml exists already; choose another --out, or --force"):
+        export(runs / "adrl", "safetensors", config)
+    assert config.read_bytes() == before
+
+
+def test_actions_that_are_no_numbers_are_not_exported(runs: Path, tmp_path: Path) -> None:
+    newest = RunDir(runs / "adrl").newest_checkpoint()
+    state = checkpoint.read(newest)
+    next(iter(state["learner"]["ppo"]["actor_state_dict"].values())).fill_(torch.nan)
+    checkpoint.save(tmp_path / newest.name, state)
+    for format in ("safetensors", "torchscript"):
+        with pytest.raises(ApilError, match="are not finite: its training diverged"):
+            export(runs / "adrl", format, tmp_path / "file", checkpoint_path=tmp_path / newest.name)
+        assert not (tmp_path / "file").exists()
+
+
+def test_folders_of_this_machine_stay_here(runs: Path, plugin: Path, tmp_path: Path) -> None:
+    changes: dict[str, Any] = {"steps": 512, "victim_side": 1}
+    run(small_config("adrl", **changes, victim=f"run:{runs / 'adrl'}"), out=tmp_path / "second")
+    export(runs / "adrl", "safetensors", tmp_path / "v")
+    changes |= {"plugins": (str(plugin),), "init_from": tmp_path / "second"}
+    run(small_config("adrl", **changes, victim=f"safetensors:{tmp_path}/v"), out=tmp_path / "r")
+    for name, victim in (("second", r"run:adrl/checkpoints/iteration-\d+\.pt"), ("r", "safetensors:v")):
+        result = export(tmp_path / name, "safetensors", tmp_path / f"{name}.safetensors")
+        assert re.fullmatch(victim, result.provenance["victim"])
+        assert not any(str(root).encode() in result.file.read_bytes() for root in (tmp_path, runs))
+        assert load_policy(result.name).info.provenance == result.provenance
+
+
+@pytest.mark.parametrize("format", ["torchscript", "onnx"])
+def test_networks_name_no_files_of_this_machine(exported: Exports, format: str) -> None:
+    file = exported("apil", format).file
+    content = [file.read_bytes()]
+    if format == "torchscript":
+        with zipfile.ZipFile(file) as archive:
+            content = [archive.read(name) for name in archive.namelist()]
+    for place in (Path(torch.__file__).parent, Path(apil_core.__file__).parent, file.parent):
+        assert not any(str(place).encode() in part for part in content)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("state", "[]"),
+        ("state", '{"mapping": [["groups", {"list": []}]]}'),
+        ("state", "[" * 100_000),
+        ("config", "[]"),
+        ("layout", "[]"),
+        ("side", "7"),
+        ("side", "-1"),
+        ("provenance", "[1]"),
+    ],
+)
+def test_metadata_that_are_wrong_are_told(exported: Exports, tmp_path: Path, key: str, value: str) -> None:
+    with safe_open(exported("adrl", "safetensors").file, framework="pt") as file:
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  (no mapping)
+        metadata = file.metadata()
+    save_file(tensors, tmp_path / "bad", {**metadata, key: value})
+    with pytest.raises(VictimError, match=rf"^safetensors:{tmp_path}/bad: expected .*, found ") as caught:
+        load_policy(f"safetensors:{tmp_path}/bad")
+    assert "\n" not in str(caught.value)

@@ -82,6 +82,22 @@ def test_a_stopped_distillation_goes_on_bit_for_bit(tmp_path: Path, network: Any
         resume_distillation(tmp_path / "cut")
 
 
+def test_it_does_not_go_on_with_another_teacher(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(entry: Entry, stages: int) -> None:
+        raise Stop
+
+    for seed in (0, 1):
+        distill(config(seed=seed, final_passes=0), out=tmp_path / f"teacher-{seed}")
+    file = Path("teacher-0/student.safetensors")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(Stop):
+        distill(config(teacher=f"safetensors:{file}"), out=tmp_path / "cut", on_stage=stop)
+    monkeypatch.chdir("/")  # names are kept in full
+    (tmp_path / file).write_bytes((tmp_path / "teacher-1" / "student.safetensors").read_bytes())
+    with pytest.raises(VictimError, match=r"the teacher safetensors:.* has changed since the distillation"):
+        resume_distillation(tmp_path / "cut")
+
+
 def test_practice_changes_what_is_learnt_from_and_no_score(tmp_path: Path) -> None:
     plugins = discover()
     setting = prepare(named(config(practice={"max_steps": 5}), plugins), plugins)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from apil_core import UnknownNameError, View, load_policy
+from apil_core import UnknownNameError, VictimError, View, load_policy
 from apil_core.config import RunConfig
 from apil_core.config_io import complete
 from apil_core.default_victim import default_victim, is_here
@@ -58,6 +58,18 @@ def test_all_are_listed_as_being_here() -> None:
         assert row.available
         assert len(row.sha256) == 64
         assert row.provenance.startswith("student of zoo:")
+
+
+def test_a_damaged_one_stops_no_list_and_is_named_when_loaded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(embedded, "folder", lambda: tmp_path)
+    (tmp_path / "game" / "role").mkdir(parents=True)
+    (tmp_path / "game" / "role" / "v1.safetensors").write_bytes(b"torn")
+    (row,) = embedded.list_embedded()
+    assert (row.name, row.available, row.sha256) == ("embedded:game/role/v1", True, "")
+    with pytest.raises(VictimError, match=r"embedded:game/role/v1: .*v1\.safetensors is no safetensors file"):
+        load_policy(row.name)
 
 
 def test_a_wrong_name_is_told_the_right_ones() -> None:

@@ -160,6 +160,51 @@ def test_code_in_a_torch_export_archive(tmp_path: Path, mark: Path) -> None:
         _refused(f"torch-export:{bad}", mark, "expected a network of tensor operators, found ")
 
 
+@pytest.mark.parametrize(
+    ("part", "content"),
+    [
+        ("models/model.json", b"[]"),
+        ("models/model.json", b"[" * 100_000),
+        ("models/model.json", b"[" * 900 + b"]" * 900),
+        ("model_weights_config.json", b"[]"),
+        ("model_weights_config.json", b'{"config": []}'),
+        ("model_weights_config.json", b'{"config": {"x": []}}'),
+        ("model_weights_config.json", b"[" * 100_000),
+    ],
+)
+def test_json_of_another_shape_in_a_torch_export_archive(
+    tmp_path: Path, mark: Path, part: str, content: bytes
+) -> None:
+    save(Plain(), tmp_path / "good.pt2")
+    bad = tmp_path / "bad.pt2"
+    _repacked(tmp_path / "good.pt2", bad, lambda name, data: content if name.endswith(part) else data)
+    _refused(f"torch-export:{bad}", mark, rf"^torch-export:{bad}: expected .*{part}.*, found |takes tensors")
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"policy_kwargs": [1]}, "expected a JSON object as policy_kwargs, found a list"),
+        (
+            {"policy_kwargs": {"activation_fn": "functools.partial(<class 'torch.nn.LeakyReLU'>, 0.2)"}},
+            r"expected the name of a class as policy_kwargs\['activation_fn'\], found \"functools\.partial",
+        ),
+        ({"policy_kwargs": {"activation_fn": None}}, r"as policy_kwargs\['activation_fn'\], found None"),
+    ],
+)
+def test_facts_of_stable_baselines_that_cannot_be_read(
+    tmp_path: Path, mark: Path, change: dict[str, object], expected: str
+) -> None:
+    _refused(_sb3(tmp_path / "bad.zip", {**DATA, **change}, _weights()), mark, expected)
+
+
+def test_data_of_stable_baselines_that_is_too_deep(tmp_path: Path, mark: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "bad.zip", "w") as archive:
+        archive.writestr("data", "[" * 100_000)
+        archive.writestr("policy.pth", _weights())
+    _refused(f"sb3:{tmp_path}/bad.zip", mark, "expected a zip of Stable-Baselines3 .*, found RecursionError")
+
+
 def test_guards_of_a_torch_export_archive_are_not_run(tmp_path: Path, mark: Path) -> None:
     save(Plain(), tmp_path / "good.pt2")
     bad = tmp_path / "bad.pt2"

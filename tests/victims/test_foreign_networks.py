@@ -13,6 +13,8 @@ from torch import nn
 
 from apil_core import VictimError, load_policy, resume, run
 from apil_core.victims.conformance import check_policy
+from apil_core.victims.foreign.network import NetworkPolicy, Signature
+from apil_core.victims.foreign.origin import Origin
 from victims.foreign_files import Gaussian, Plain, Recurrent, save, seat, view
 
 SUFFIXES = (".pt", ".pt2", ".onnx")
@@ -207,3 +209,44 @@ def test_weights_in_a_second_file_belong_to_the_hash(tmp_path: Path) -> None:
     weights.write_bytes(weights.read_bytes()[::-1])
     hashes = {plain, policy.info.sha256, load_policy(f"onnx:{path}").info.sha256}
     assert len(hashes) == 3
+
+
+def test_files_of_weights_belong_to_the_hash_whatever_their_names(tmp_path: Path) -> None:
+    path, weights = tmp_path / "net.onnx", tmp_path / "numbers.bin"
+    save(Plain(), path)
+    onnx.save(onnx.load(path), path, save_as_external_data=True, location=weights.name, size_threshold=0)
+    before = load_policy(f"onnx:{path}").info.sha256
+    weights.write_bytes(weights.read_bytes()[::-1])
+    assert load_policy(f"onnx:{path}").info.sha256 != before
+
+
+@pytest.mark.parametrize("how", ["../weights", "absolute", "link", "missing"])
+def test_weights_outside_the_folder_of_their_model_are_refused(tmp_path: Path, how: str) -> None:
+    folder = tmp_path / "model"
+    folder.mkdir()
+    save(Plain(), folder / "net.onnx")
+    model = onnx.load(folder / "net.onnx")
+    onnx.save(model, folder / "net.onnx", save_as_external_data=True, location="weights", size_threshold=0)
+    (folder / "weights").rename(tmp_path / "weights")
+    if how == "link":
+        (folder / how).symlink_to(tmp_path / "weights")
+    location = str(tmp_path / "weights") if how == "absolute" else how
+    model = onnx.load(folder / "net.onnx", load_external_data=False)
+    for tensor in model.graph.initializer:
+        for entry in tensor.external_data:
+            if entry.key == "location":
+                entry.value = location
+    (folder / "net.onnx").write_bytes(model.SerializeToString())
+    with pytest.raises(VictimError, match=rf"expected its weights in a file in .*, found '{location}'"):
+        load_policy(f"onnx:{folder}/net.onnx")
+
+
+def test_restored_states_are_where_the_policy_is() -> None:
+    signature = Signature(state=(5, 5))
+    origin = Origin("made up", "", Path())
+    policy = NetworkPolicy(origin, lambda inputs: Recurrent()(*inputs), signature, seat())
+    policy.act(view(), sample=False)
+    rows = policy.recurrent_state()
+    policy.to("meta")
+    policy.load_recurrent_state(rows)
+    assert {part.device.type for part in policy.recurrent_state().values()} == {"meta"}

@@ -96,7 +96,7 @@ class NetworkPolicy(Policy):
         self.signature = signature
         self._call = call
         self._move = move
-        self._device = torch.device("cpu")
+        self._device = self._home = torch.device("cpu")  # of the network; of views and states
         self._memory = Memory(origin.name)
         self._widths = {f"state_{i}": width for i, width in enumerate(signature.state)}
         observations = signature.observation_size or (seat.observation_size if seat else None)
@@ -185,7 +185,8 @@ class NetworkPolicy(Policy):
         if self._move is not None:
             self._device = torch.device(device)
             self._move(self._device)
-        self._memory.rows = {name: rows.to(device) for name, rows in self._memory.rows.items()}
+        self._home = torch.device(device)
+        self.load_recurrent_state(self.recurrent_state())
         return self
 
     def recurrent_state(self) -> dict[str, Any]:
@@ -194,4 +195,4 @@ class NetworkPolicy(Policy):
 
     def load_recurrent_state(self, state: dict[str, Any]) -> None:
         """Restore what :meth:`recurrent_state` gave; an empty one forgets all games."""
-        self._memory.rows = dict(state)
+        self._memory.rows = {name: rows.to(self._home, copy=True) for name, rows in state.items()}

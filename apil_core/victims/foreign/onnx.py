@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import torch
+from google.protobuf.message import Message
+from onnx import ModelProto, TensorProto
 from torch import Tensor
 
 from apil_core.errors import VictimError
-from apil_core.extras import need_extra
+from apil_core.extras import need
 from apil_core.game import SideLayout
 from apil_core.policy import Policy
 from apil_core.victims.foreign.network import SIGNATURE_FILE, NetworkPolicy, Signature
@@ -27,9 +29,10 @@ def load(name: str, *, seat: SideLayout | None) -> Policy:
 
     Raises:
         ApilError: onnxruntime is missing.
-        VictimError: there is no such file, it is no ONNX model, or its inputs are not a policy's.
+        VictimError: there is no such file, it is no ONNX model, or its inputs are not a policy's,
+            or it takes weights from outside its folder.
     """
-    runtime = need_extra("onnxruntime", "onnx", "ONNX policies")
+    runtime = need("onnxruntime", "onnxruntime", "ONNX policies", extra="onnx")
     origin = _with_weights(Origin.of("onnx", name))
     session = _session(origin, runtime)
     told = session.get_modelmeta().custom_metadata_map
@@ -44,12 +47,29 @@ def load(name: str, *, seat: SideLayout | None) -> Policy:
 
 
 def _with_weights(origin: Origin) -> Origin:
-    """The hash covers the file of weights that exporters lay beside a model."""
-    beside = [Path(f"{origin.path}{suffix}") for suffix in (".data", "_data")]
-    parts = [path.read_bytes() for path in beside if path.is_file()]
-    if not parts:
-        return origin
-    return replace(origin, sha256=hashlib.sha256(b"".join([origin.path.read_bytes(), *parts])).hexdigest())
+    """The hash covers every file of weights that the model names; all must be in its folder."""
+    content = origin.path.read_bytes()
+    try:
+        named = sorted(set(_locations(ModelProto.FromString(content))))
+    except Exception as error:  # protobuf's own
+        raise origin.wrong(KIND, one_line(error)) from error
+    parts = [content]
+    for location in named:
+        path, folder = (origin.path.parent / location).resolve(), origin.path.parent.resolve()
+        if not path.is_relative_to(folder) or not path.is_file():
+            raise origin.wrong(f"its weights in a file in {folder}", f"{location!r}: outside, or no file")
+        parts.append(path.read_bytes())
+    return replace(origin, sha256=hashlib.sha256(b"".join(parts)).hexdigest()) if named else origin
+
+
+def _locations(message: Message) -> Iterator[str]:
+    """Files that the tensors in a message name, wherever they are; onnx's own helper misses sparse ones."""
+    for field, value in message.ListFields():
+        if field.message_type is not None:
+            for part in [value] if isinstance(value, Message) else value:
+                yield from _locations(part)
+    if isinstance(message, TensorProto):
+        yield from (entry.value for entry in message.external_data if entry.key == "location")
 
 
 def _session(origin: Origin, runtime: Any) -> Any:

@@ -11,6 +11,7 @@ import io
 import json
 import re
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -57,7 +58,9 @@ def load(name: str) -> Policy:
         weights = torch.load(io.BytesIO(pth), map_location="cpu", weights_only=True)
     except Exception as error:
         raise origin.wrong("policy.pth with tensors only", one_line(error)) from error
-    if not isinstance(weights, Mapping) or not all(isinstance(part, Tensor) for part in weights.values()):
+    if not isinstance(weights, Mapping) or not all(
+        isinstance(name, str) and isinstance(part, Tensor) for name, part in weights.items()
+    ):
         raise origin.wrong("policy.pth with tensors only", f"a {type(weights).__name__} of other things")
     info = PolicyInfo(
         name=origin.name,
@@ -81,7 +84,7 @@ def _parts(origin: Origin) -> tuple[dict[str, Any], bytes]:
                 raise origin.wrong(f"parts of at most {MAX_BYTES >> 20} MB", "a larger one")
             texts, pth = archive.read("data"), archive.read("policy.pth")
         data = json.loads(texts)
-    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
+    except (zipfile.BadZipFile, zlib.error, OSError, ValueError, EOFError, RuntimeError) as error:
         raise origin.wrong(KIND, one_line(error)) from error
     if not isinstance(data, dict):
         raise origin.wrong(KIND, "JSON of another kind in 'data'")
@@ -97,10 +100,15 @@ def _facts(origin: Origin, data: Mapping[str, Any]) -> Facts:
     if len(set(lows)) != 1 or len(set(highs)) != 1:
         raise origin.wrong("the same bounds for all actions", f"{action['low']} to {action['high']}")
     kwargs = data.get("policy_kwargs") or {}
+    if not isinstance(kwargs, dict):
+        raise origin.wrong("a JSON object as policy_kwargs", f"a {type(kwargs).__name__}")
     for key in ("squash_output", "features_extractor_class"):
         if kwargs.get(key):
             raise origin.wrong("MlpPolicy as it comes", f"policy_kwargs[{key!r}], not supported")
-    named = re.search(r"(\w+)'>$", str(kwargs.get("activation_fn", "")))
+    named = re.fullmatch(r"<class '(?:\w+\.)*(\w+)'>", str(kwargs.get("activation_fn")))
+    if "activation_fn" in kwargs and named is None:
+        found = repr(kwargs["activation_fn"])[:80]
+        raise origin.wrong("the name of a class as policy_kwargs['activation_fn']", f"{found}, not supported")
     return Facts(
         observation["_shape"][0], action["_shape"][0], (lows[0], highs[0]), named.group(1) if named else None
     )

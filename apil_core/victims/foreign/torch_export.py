@@ -52,20 +52,29 @@ def load(name: str, *, seat: SideLayout | None) -> Policy:
     if _MODEL not in content or any(part not in content for part in _PAYLOADS):
         raise origin.wrong(f"{KIND} with one model", "an archive without it")
     signature = Signature.read(content.get(f"extra/{SIGNATURE_FILE}"), origin.name)
-    graph = _without(_parsed(origin, content, _MODEL), _DROPPED)
-    for place, key, value in _strings(graph):
-        if not _harmless(key, value):
-            raise origin.wrong("a network of tensor operators", f"{value[:80]!r} at {place} of {_MODEL}")
-    _check_games(origin, graph)
-    archive = rebuilt({_MODEL: json.dumps(graph).encode(), **_payloads(origin, content)})
+    archive = rebuilt({_MODEL: _graph(origin, content), **_payloads(origin, content)})
     network = _open(origin, archive)
     return NetworkPolicy(origin, lambda inputs: network(*inputs), signature, seat, move=network.to)
+
+
+def _graph(origin: Origin, content: Mapping[str, bytes]) -> bytes:
+    """The graph as JSON, checked."""
+    parsed = _parsed(origin, content, _MODEL)
+    try:
+        graph = _without(parsed, _DROPPED)
+        for place, key, value in _strings(graph):
+            if not _harmless(key, value):
+                raise origin.wrong("a network of tensor operators", f"{value[:80]!r} at {place} of {_MODEL}")
+        _check_games(origin, graph)
+        return json.dumps(graph).encode()
+    except RecursionError as error:
+        raise origin.wrong(f"a network of tensor operators in {_MODEL}", "JSON nested too deeply") from error
 
 
 def _parsed(origin: Origin, content: Mapping[str, bytes], part: str) -> Any:
     try:
         return json.loads(content[part])
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise origin.wrong(f"JSON in {part}", one_line(error)) from error
 
 
@@ -123,7 +132,7 @@ def _is_nesting(text: str) -> bool:
     try:
         version, spec = json.loads(text)
         return version == 1 and plain(spec)
-    except (ValueError, TypeError, KeyError):
+    except (ValueError, TypeError, KeyError, RecursionError):
         return False
 
 
@@ -133,8 +142,8 @@ def _check_games(origin: Origin, graph: Any) -> None:
         inside = graph["graph_module"]
         specs = [spec["user_input"] for spec in inside["signature"]["input_specs"] if "user_input" in spec]
         names = [spec["arg"]["as_tensor"]["name"] for spec in specs]
-        games = [inside["graph"]["tensor_values"][name]["sizes"][0] for name in names]
-    except (KeyError, TypeError, IndexError) as error:
+        games = [dict(inside["graph"]["tensor_values"][name]["sizes"][0]) for name in names]
+    except (KeyError, TypeError, ValueError, IndexError) as error:
         raise origin.wrong("a network that takes tensors (n, k)", one_line(error)) from error
     for name, size in zip(names, games, strict=True):
         if "as_int" in size:
@@ -150,7 +159,10 @@ def _payloads(origin: Origin, content: Mapping[str, bytes]) -> dict[str, bytes]:
     kept = {name: content[name] for name in _COPIED if name in content}
     for part in _PAYLOADS:
         payload = _parsed(origin, content, part)
-        for name, entry in payload.get("config", {}).items():
+        listed = payload.get("config", {}) if isinstance(payload, dict) else None
+        if not isinstance(listed, dict) or not all(isinstance(entry, dict) for entry in listed.values()):
+            raise origin.wrong(f"a JSON object of tensors as 'config' in {part}", "something else")
+        for name, entry in listed.items():
             path = str(entry.get("path_name"))
             if entry.get("use_pickle") is not False or not re.fullmatch(r"(weight|tensor)_\d+", path):
                 raise origin.wrong(
