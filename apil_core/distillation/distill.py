@@ -116,9 +116,8 @@ def _go(
 def _keep(setting: Setting, space: Workspace) -> None:
     """Write what the stage added: a block if it played one, then the state that counts it."""
     course = setting.course
-    newest = len(course.blocks) - 1
-    if not space.block_path(newest).is_file() or course.done == len(course.blocks):
-        space.save_block(newest, course.blocks[newest].tensors())
+    if course.done == len(course.blocks):  # every stage so far played one
+        space.save_block(course.done - 1, course.blocks[-1].tensors())
     assert course.standard is not None
     space.save_state(
         {
@@ -140,7 +139,7 @@ def _restore(setting: Setting, space: Workspace) -> None:
     if state is None:
         return
     for who, policy in _who(setting).items():
-        expected = state.get("policies", {}).get(who, policy.info.sha256)  # older states do not say
+        expected = state["policies"][who]
         if policy.info.sha256 != expected:
             raise VictimError(
                 f"the {who} {policy.info.name} has changed since the distillation began: "

@@ -43,3 +43,7 @@ class Memory:
             return self.rows
         fresh = initial(len(first))
         return {key: torch.where(first.unsqueeze(1), fresh[key], rows) for key, rows in self.rows.items()}
+
+    def load(self, rows: State, device: torch.device) -> None:
+        """Take over copies of ``rows`` on ``device``; none forget all games."""
+        self.rows = {key: tensor.to(device, copy=True) for key, tensor in rows.items()}

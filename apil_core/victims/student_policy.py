@@ -132,4 +132,4 @@ class StudentPolicy(Policy):
 
     def load_recurrent_state(self, state: State) -> None:
         """Restore what :meth:`recurrent_state` gave; an empty one forgets all games."""
-        self._memory.rows = {key: rows.to(self._std.device, copy=True) for key, rows in state.items()}
+        self._memory.load(state, self._std.device)

@@ -195,4 +195,4 @@ class NetworkPolicy(Policy):
 
     def load_recurrent_state(self, state: dict[str, Any]) -> None:
         """Restore what :meth:`recurrent_state` gave; an empty one forgets all games."""
-        self._memory.rows = {name: rows.to(self._home, copy=True) for name, rows in state.items()}
+        self._memory.load(state, self._home)
