@@ -32,6 +32,7 @@ _HOMES = {
         "RewardWeights",
     ),
     "apil_core.game": ("NO_WINNER", "Colour", "Game", "GameLayout", "GameStep", "SideLayout", "Window"),
+    "apil_core.stopwatch": ("PhysicsStopwatch",),
     "apil_core.views": ("OpponentInsideEnv", "ParallelGameEnv"),
     "apil_core.types": ("Context", "Decision", "DiagonalGaussian", "Rollout", "StepBatch", "View"),
     "apil_core.policy": ("Policy", "PolicyInfo"),
@@ -47,6 +48,7 @@ _HOMES = {
         "RunConfig",
         "Section",
     ),
+    "apil_core.profiles": ("ProfiledOptions",),
     "apil_core.evaluation": ("EvaluationResult",),
     "apil_core.evaluator": ("evaluate",),
     "apil_core.runner": ("RunResult", "resume", "run"),
@@ -107,6 +109,7 @@ if TYPE_CHECKING:
     from apil_core.pettingzoo_game.plugin import pettingzoo_spec as pettingzoo_spec
     from apil_core.policy import Policy as Policy
     from apil_core.policy import PolicyInfo as PolicyInfo
+    from apil_core.profiles import ProfiledOptions as ProfiledOptions
     from apil_core.registry import load_policy as load_policy
     from apil_core.registry import make_game as make_game
     from apil_core.returns import gae as gae
@@ -122,6 +125,7 @@ if TYPE_CHECKING:
     from apil_core.specs import PublishedScore as PublishedScore
     from apil_core.specs import RecorderSpec as RecorderSpec
     from apil_core.specs import RewardWeights as RewardWeights
+    from apil_core.stopwatch import PhysicsStopwatch as PhysicsStopwatch
     from apil_core.types import Context as Context
     from apil_core.types import Decision as Decision
     from apil_core.types import DiagonalGaussian as DiagonalGaussian

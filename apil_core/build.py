@@ -10,6 +10,7 @@ import torch
 
 from apil_core.adversary import HOOK_STREAM, AdversaryPolicy, ObservationBuilder
 from apil_core.config import RunConfig
+from apil_core.distributed.world import ALONE, World
 from apil_core.errors import ConfigError, PluginError
 from apil_core.game import Game, GameLayout
 from apil_core.game_env import AttackEnv
@@ -40,6 +41,7 @@ class Attack:
     env: AttackEnv
     actor: Actor
     learner: Learner
+    world: World
 
 
 def check_device(name: str) -> torch.device:
@@ -60,7 +62,10 @@ def check_device(name: str) -> torch.device:
 
 
 def build_hooks(
-    config: RunConfig, plugins: PluginRegistry, setup: MethodSetup
+    config: RunConfig,
+    plugins: PluginRegistry,
+    setup: MethodSetup,
+    manager: type[RunHookManager] = RunHookManager,
 ) -> tuple[dict[str, Method], RunHookManager]:
     """The run's methods and the manager that holds them and the observers."""
     chain = plugins.method_chain(config.method)
@@ -72,7 +77,7 @@ def build_hooks(
         if name in methods:
             raise PluginError(f"observers: {name!r} is already part of method {config.method!r}")
         observers[name] = plugins.modules[name]
-    return methods, RunHookManager(chain, {**methods, **observers})
+    return methods, manager(chain, {**methods, **observers})
 
 
 def generators(seed: int, device: torch.device) -> dict[str, torch.Generator]:
@@ -80,30 +85,43 @@ def generators(seed: int, device: torch.device) -> dict[str, torch.Generator]:
     return {name: stream_generator(seed, f"training {name}", device) for name in ("victim", "method")}
 
 
-def build(config: RunConfig, plugins: PluginRegistry) -> Attack:
+def build(
+    config: RunConfig,
+    plugins: PluginRegistry,
+    manager: type[RunHookManager] = RunHookManager,
+    world: World = ALONE,
+) -> Attack:
     """Make everything a run needs; seeds torch's global generator, which PPO draws from.
+
+    Args:
+        config: the run's.
+        plugins: who offers what it names.
+        manager: of the run's hooks; :mod:`apil_core.speed` measures with others.
+        world: processes that train together: each has games and random streams of its own, equal networks.
 
     Raises:
         ApilError: whatever is wrong with names, options, weights or plugins.
     """
+    config = config.model_copy(update={"device": world.device(config.device)})
     device = check_device(config.device)
+    seed = world.seed(config.seed)
     spec = game_spec(config.env, plugins)
     torch.manual_seed(config.seed)
     game = make_game(
         config.env,
         num_envs=config.num_envs,
-        threads=config.threads,
+        threads=world.threads(config.threads),
         options=config.game,
         plugins=plugins,
     )
-    game.seed(stream_seed(config.seed, "training games"))
+    game.seed(stream_seed(seed, "training games"))
     attacked = victim_side(config, plugins)
-    victim = run_victim(config, game, plugins, config.seed)
+    victim = run_victim(config, game, plugins, seed)
     config = pinned(config, victim)
     setup = method_setup(config, game.layout, 1 - attacked, device)
-    methods, hooks = build_hooks(config, plugins, setup)
+    methods, hooks = build_hooks(config, plugins, setup, manager)
     builder = ObservationBuilder(hooks, config.ppo.observation_clip)
-    streams = generators(config.seed, device)
+    streams = generators(seed, device)
     env = AttackEnv(
         game,
         victim,
@@ -117,8 +135,12 @@ def build(config: RunConfig, plugins: PluginRegistry) -> Attack:
     with hooks.attribution():
         example = env.get_observations()
     actor = Actor(builder.sizes, game.layout.sides[1 - attacked].action_size, config.ppo)
-    learner = Learner(actor, example, config.ppo, device)
-    return Attack(config, game, victim, 1 - attacked, methods, hooks, builder, streams, env, actor, learner)
+    learner = Learner(actor, example, config.ppo, device, world)
+    if not world.is_main:  # the networks are made: from here on, draws of its own
+        torch.manual_seed(seed)
+    return Attack(
+        config, game, victim, 1 - attacked, methods, hooks, builder, streams, env, actor, learner, world
+    )
 
 
 def method_setup(

@@ -10,6 +10,8 @@ from apil_core.specs import RecorderSpec
 def register_recorders() -> list[RecorderSpec]:
     """Metrics as JSON lines and as TensorBoard events."""
     return [
-        RecorderSpec("jsonl", "apil_core.recorders:JsonlRecorder", "metrics.jsonl, one line per iteration"),
+        RecorderSpec(
+            "jsonl", "apil_core.recorders:JsonlRecorder", "metrics.jsonl, one line per row of metrics"
+        ),
         RecorderSpec("tensorboard", "apil_core.recorders:TensorBoardRecorder", "events for TensorBoard"),
     ]

@@ -40,12 +40,14 @@ class Cast:
         victim, adversary: seat and policy, e.g. ``"kicker, zoo:kick-and-defend/kicker/v1"``.
         games: to be shown.
         score: grows as games end.
+        note: on the games themselves, e.g. that they are not the true ones.
     """
 
     victim: str
     adversary: str
     games: int
     score: Score
+    note: str = ""
 
     def clock(self, moment: Moment) -> str:
         """Game, time and step, in words."""
@@ -57,6 +59,7 @@ class Cast:
         lines = [f"victim (blue): {self.victim}", f"adversary (red): {self.adversary}"]
         score = self.score
         lines.append(f"victim {score.loss} : {score.win} adversary, ties {score.tie}")
+        lines += [self.note] if self.note else []
         lines.append(self.clock(moment) if moment.ended is None else verdict(moment.ended))
         return "\n".join(lines)
 
@@ -72,6 +75,7 @@ def board(width: int, size: float, cast: Cast) -> Image.Image:
     draw, middle, large = ImageDraw.Draw(picture), picture.height / 2, _font(1.15 * size)
     score = f"{cast.score.loss} : {cast.score.win}"
     score += f", ties {cast.score.tie}" if cast.score.tie else ""
+    score += f", {cast.note}" if cast.note else ""
     draw.text((width / 2, middle), score, _WHITE, large, anchor="mm")
     room = (width - draw.textlength(score, large)) / 2 - 2.5 * size
     names = (("victim", cast.victim, colours.VICTIM), ("adversary", cast.adversary, colours.ADVERSARY))

@@ -9,11 +9,12 @@ from typing import Any
 
 from apil_core.config import RunConfig
 from apil_core.config_io import flatten
+from apil_core.distributed.world import World
 from apil_core.errors import RunDirError
 
 MAY_CHANGE = (
     *("steps", "threads", "device", "recorders", "checkpoint", "evaluation", "plugins", "init_from"),
-    *("trust", "victim_sha256"),  # the latter is compared with the weights themselves
+    *("log_rows", "trust", "victim_sha256"),  # the latter is compared with the weights themselves
 )
 """Sections of a config that a run may change when it goes on."""
 
@@ -45,6 +46,20 @@ def check_same_run(state: dict[str, Any], config: RunConfig, path: Path, keys: I
     ]
     if different:
         raise RunDirError(f"{path} is of another run or configuration: {', '.join(different[:4])}")
+
+
+def check_same_world(state: dict[str, Any], world: World, path: Path) -> None:
+    """Each process goes on with its own games, so there must be as many as before.
+
+    Raises:
+        RunDirError: there are not.
+    """
+    before = World(size=state.get("processes", 1))  # older ones lack the key
+    if before.size != world.size:
+        raise RunDirError(
+            f"{path} is of a run of {before.size} process{'es' * (before.size > 1)}, here are {world.size}; "
+            f"continue it with: {before.command} resume DIR"
+        )
 
 
 @contextmanager

@@ -40,7 +40,20 @@ class Circumstances(BaseModel):
     num_envs: int
     trained_steps: int | None = None
     game_options: dict[str, Any]
+    game_settings: dict[str, Any] = {}
+    """What the options came to where a physics profile filled them in; scores from before have none."""
     versions: dict[str, str]
+
+    @property
+    def physics(self) -> str | None:
+        """Name of the physics profile, ``"custom"`` for values of neither; ``None`` for a game without."""
+        return self.game_settings.get("physics")
+
+    @property
+    def options_played(self) -> dict[str, Any]:
+        """The game's options with the values that a physics profile filled in."""
+        given = {key: value for key, value in self.game_options.items() if value is not None}
+        return {**self.game_settings, **{k: v for k, v in given.items() if k not in self.game_settings}}
 
 
 def circumstances(pairing: Pairing, seed: int) -> dict[str, Any]:
@@ -58,5 +71,6 @@ def circumstances(pairing: Pairing, seed: int) -> dict[str, Any]:
         "num_envs": pairing.game.num_envs,
         "trained_steps": pairing.steps,
         "game_options": config.game,
+        "game_settings": pairing.game.settings,
         "versions": {name: metadata.version(name) for name in (*_PACKAGES, *pairing.game.packages)},
     }

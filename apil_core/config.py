@@ -130,6 +130,8 @@ class RunConfig(Section):
     """Options per method, e.g. options.apil.prediction; checked by each plugin's own model."""
     recorders: tuple[str, ...] = ("jsonl", "tensorboard")
     """Where metrics go."""
+    log_rows: Annotated[int, Field(gt=0)] = 10_000
+    """Rows of metrics at most, evaluations aside: a run of more iterations merges several into each row."""
     observers: tuple[str, ...] = ()
     """Further plugins whose run hooks are switched on, in this order."""
     plugins: tuple[str, ...] = ()

@@ -12,15 +12,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError, create_model
+from pydantic import ValidationError
 
-from apil_core.config import SCHEMA_VERSION, RunConfig, Section
+from apil_core.config import SCHEMA_VERSION, RunConfig
 from apil_core.config_errors import Problem, problems_of, raise_problems, unknown_name
 from apil_core.config_layers import Key, Layer, file_layer, flag_layer, merge, preset_layer, set_layer
-from apil_core.config_models import NoOptions, full_model, options_model
+from apil_core.config_models import full_model
 from apil_core.config_yaml import dump_yaml as dump_yaml
 from apil_core.default_victim import default_victim
 from apil_core.errors import ConfigError, suggest
+from apil_core.game_options import game_model, profile_problems, settled
 from apil_core.plugins import PluginRegistry, names
 from apil_core.specs import GameSpec
 
@@ -90,9 +91,11 @@ def resolve_layers(layers: Sequence[Layer], plugins: PluginRegistry) -> RunConfi
         chain = plugins.method_chain(data["method"])
         used = [spec.name for spec in chain]
         layers = [layer.without_options(used) if layer.preset else layer for layer in layers]
-        data, origins = merge(base, layers)
-        _open_sections(data, [spec.name for spec in chain if spec.config])
         env = data["env"] if isinstance(data["env"], str) and "env" not in unknown else None
+        layers = layers if env is None else settled(layers, game_model(env, plugins))
+        data, origins = merge(base, layers)
+        problems += [] if env is None else profile_problems(data, game_model(env, plugins), env)
+        _open_sections(data, [spec.name for spec in chain if spec.config])
         model = full_model(plugins, chain, env)
         problems += _foreign_options(data, used, [s.name for s in chain if s.config], plugins)
     try:
@@ -114,39 +117,6 @@ def complete(config: RunConfig, plugins: PluginRegistry) -> RunConfig:
     data["plugins"] = [str(Path(path).resolve()) for path in config.plugins]
     data["init_from"] = None if config.init_from is None else str(config.init_from.resolve())
     return resolve_layers([Layer(data, {(key,): "RunConfig" for key in data})], plugins)
-
-
-def with_game_options(
-    config: RunConfig,
-    plugins: PluginRegistry,
-    options: Mapping[str, Any] | None = None,
-    sets: Sequence[str] = (),
-) -> RunConfig:
-    """A copy of ``config`` with single options of its game changed, and all of them spelt out.
-
-    Nothing but the section ``game`` is looked at: the rest of a stored config stays as it was.
-
-    Args:
-        config: names the game.
-        plugins: know the game's model.
-        options: values by option.
-        sets: ``game.KEY=VALUE`` texts; they have the last word.
-
-    Raises:
-        ConfigError: one line per mistake.
-    """
-    reference = plugins.game(config.env).config
-    model = create_model(
-        "Settings", __base__=Section, game=(options_model(reference) if reference else NoOptions, ...)
-    )
-    given = Layer({"game": dict(options or {})}, {("game", key): "game_options" for key in options or {}})
-    data, origins = merge({"game": config.game}, [given, *map(set_layer, sets)])
-    try:
-        checked = model.model_validate(data)
-    except ValidationError as error:
-        raise_problems(problems_of(error, model), origins)
-        raise
-    return config.model_copy(update=checked.model_dump(mode="json"), deep=True)
 
 
 def load_resolved(path: Path) -> RunConfig:
@@ -251,11 +221,13 @@ def _foreign_options(
 
 
 def _without_keys(data: Mapping[str, Any], problems: Sequence[Problem]) -> dict[str, Any]:
-    """``data`` without the option sections already found wrong, lest they be reported twice."""
-    wrong = {problem.key[1] for problem in problems if problem.key[0] == "options"}
-    if not wrong:
-        return dict(data)
-    return {**data, "options": {name: s for name, s in data["options"].items() if name not in wrong}}
+    """``data`` without the options already found wrong, lest they be reported twice."""
+    kept = dict(data)
+    for section in ("options", "game"):
+        wrong = {problem.key[1] for problem in problems if problem.key[0] == section}
+        if wrong:
+            kept[section] = {name: value for name, value in data[section].items() if name not in wrong}
+    return kept
 
 
 def _complete(config: RunConfig, game: GameSpec, plugins: PluginRegistry) -> RunConfig:

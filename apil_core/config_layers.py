@@ -7,7 +7,7 @@ A layer is plain nested data plus, for every key in it, the text that error mess
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from io import StringIO
 from pathlib import Path
@@ -32,11 +32,26 @@ class Layer:
         data: nested mappings, lists and scalars.
         origins: key path → where it was written.
         preset: a preset's options for methods that are not in use are dropped, others' are errors.
+        command_line: it is a flag or a ``--set``.
     """
 
     data: dict[str, Any]
     origins: dict[Key, str] = field(default_factory=dict)
     preset: bool = False
+    command_line: bool = False
+
+    def section(self, name: str) -> Mapping[str, Any]:
+        """The values below a top-level key; empty where there are none."""
+        value = self.data.get(name)
+        return value if isinstance(value, Mapping) else {}
+
+    def without(self, name: str, keys: Sequence[str]) -> Layer:
+        """The same layer without some keys of a section."""
+        kept = {key: value for key, value in self.section(name).items() if key not in keys}
+        data = {**self.data, name: kept} if self.section(name) else self.data
+        hidden = {(name, key) for key in keys}
+        origins = {key: origin for key, origin in self.origins.items() if key[:2] not in hidden}
+        return replace(self, data=data, origins=origins)
 
     def without_options(self, used: Sequence[str]) -> Layer:
         """The same layer with the option sections of methods in ``used`` only."""
@@ -44,7 +59,7 @@ class Layer:
         if not isinstance(options, Mapping):
             return self
         kept = {name: section for name, section in options.items() if name in used}
-        return Layer({**self.data, "options": kept}, self.origins, self.preset)
+        return replace(self, data={**self.data, "options": kept})
 
 
 def preset_names() -> list[str]:
@@ -102,14 +117,20 @@ def set_layer(assignment: str) -> Layer:
         value = YAML(typ="safe", pure=True).load(StringIO(text))
     except YAMLError as error:
         raise ConfigError(f"{origin}: the value is not YAML: {_reason(error)}") from error
-    return Layer(_nest(parts, value), dict.fromkeys(_keys(value, parts), origin))
+    return Layer(_nest(parts, value), dict.fromkeys(_keys(value, parts), origin), command_line=True)
 
 
 def flag_layer(flags: Mapping[str, Any]) -> Layer:
-    """Values of flags by config key (``num_envs``); ``None`` means not given."""
-    given = {key: value for key, value in flags.items() if value is not None}
-    names = {key: "plugin" if key == "plugins" else key.replace("_", "-") for key in given}
-    return Layer(given, {(key,): f"--{names[key]} {_shown(value)}" for key, value in given.items()})
+    """Values of flags by config key (``num_envs``, ``game.physics``); ``None`` means not given."""
+    data: dict[str, Any] = {}
+    origins: dict[Key, str] = {}
+    for key, value in flags.items():
+        if value is not None:
+            parts = tuple(key.split("."))
+            name = "plugin" if key == "plugins" else parts[-1].replace("_", "-")
+            data = _overlay(data, _nest(parts, value))
+            origins[parts] = f"--{name} {_shown(value)}"
+    return Layer(data, origins, command_line=True)
 
 
 def merge(base: Mapping[str, Any], layers: Sequence[Layer]) -> tuple[dict[str, Any], dict[Key, str]]:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from apil_core.curve_groups import CurveGroup
 from apil_core.episodes import WINDOW
+from apil_core.profiles import FAITHFUL
 
 
 def legend(group: CurveGroup) -> str:
@@ -25,6 +26,9 @@ def title(groups: Sequence[CurveGroup]) -> str:
         text += f" against {victims[0]}"
     if len(games) == 1:
         text += f" in {games[0]}"
+    physics = {curve.physics for curve in curves}
+    if len(physics) == 1 and not physics & {None, FAITHFUL}:
+        text += f", {physics.pop()} physics"
     return text
 
 

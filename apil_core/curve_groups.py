@@ -56,10 +56,10 @@ def read_groups(runs: Sequence[RunDir], metrics: Sequence[str] = ()) -> list[Cur
 
 
 def _labels(firsts: Sequence[Curve]) -> list[str]:
-    """As short as tells them apart: method, game and victim where they differ; else the directory, too."""
-    facts = [(curve.method, curve.env, curve.victim) for curve in firsts]
-    differing = [i for i in range(3) if len({fact[i] for fact in facts}) > 1] or [0]
-    labels = [", ".join(fact[i] for i in differing) for fact in facts]
+    """As short as tells them apart: method, game, victim, physics where they differ; else the directory."""
+    facts = [(c.method, c.env, c.victim, f"{c.physics} physics" if c.physics else "") for c in firsts]
+    differing = [i for i in range(4) if len({fact[i] for fact in facts} - {""}) > 1] or [0]
+    labels = [", ".join(fact[i] for i in differing if fact[i]) for fact in facts]
     times = Counter(labels)
     return [
         label if times[label] == 1 else f"{label} ({curve.run})"

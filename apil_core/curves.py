@@ -13,6 +13,7 @@ from apil_core.episodes import WINDOW
 from apil_core.errors import ConfigError, RunDirError
 from apil_core.evaluation import EvaluationResult, Rate
 from apil_core.final_score import final_scores
+from apil_core.game_options import stored_physics
 from apil_core.recorders import read_metrics
 from apil_core.rundir import RunDir
 
@@ -55,6 +56,7 @@ class Curve(BaseModel):
     Attributes:
         run: its directory.
         victim: the policy it was trained against.
+        physics: profile it was trained in, or ``"custom"``; ``None`` for a game without profiles.
         steps: of training so far.
         lines: by name. :data:`WIN` and :data:`WIN_OR_TIE`: shares of the last 1000 training games with
             Wilson 95 % intervals; :data:`RETURN`: the adversary's mean return of about as many;
@@ -66,6 +68,7 @@ class Curve(BaseModel):
     method: str
     env: str
     victim: str
+    physics: str | None = None
     seed: int
     steps: int
     lines: dict[str, Line]
@@ -93,6 +96,7 @@ def read_curve(run: RunDir, metrics: Sequence[str] = ()) -> Curve:
         method=config.method,
         env=config.env,
         victim=run.victim(),
+        physics=stored_physics(config),
         seed=config.seed,
         steps=int(rows[-1]["steps"]),
         lines={name: line for name, line in lines.items() if line.steps},

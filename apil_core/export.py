@@ -132,6 +132,7 @@ class _Export:
             "method": config.method,
             "game": config.env,
             "side": self.seat.name,
+            **_physics(game),
             "victim": without_folders(config.victim),
             "apil": metadata.version("apil"),
             "torch": metadata.version("torch"),
@@ -190,6 +191,14 @@ class _Export:
                 "cannot, e.g. remembers or draws; use --format safetensors"
             )
         return largest
+
+
+def _physics(game: Game) -> dict[str, str]:
+    """``physics: fast, solver Newton, …`` for a game with profiles."""
+    if not game.settings:
+        return {}
+    values = [f"{key} {value}" for key, value in game.settings.items() if key != "physics"]
+    return {"physics": ", ".join([str(game.settings.get("physics")), *values])}
 
 
 def _views(game: Game, side: int) -> list[View]:

@@ -11,12 +11,11 @@ from typing import Any
 from filelock import FileLock, Timeout
 from pydantic import ValidationError
 
-from apil_core.config import RunConfig
-from apil_core.config_io import with_game_options
 from apil_core.errors import ConfigError
 from apil_core.fidelity import FidelityRow
 from apil_core.fidelity_plan import RowPlan
 from apil_core.files import why_unwritable, write_atomically
+from apil_core.game_options import spelt_out
 from apil_core.plugins import PluginRegistry
 from apil_core.registry import load_policy
 
@@ -107,14 +106,14 @@ def _circumstances_then(row: FidelityRow) -> dict[str, Any]:
         "seed": result.seed,
         "num_envs": result.num_envs,
         "mujoco": result.versions.get("mujoco"),
-        **{f"game.{name}": value for name, value in result.game_options.items()},
+        **{f"game.{name}": value for name, value in result.options_played.items()},
         "adversary's sha256": result.adversary.sha256,
         "victim's sha256": result.victim.sha256,
     }
 
 
 def _circumstances_now(plan: RowPlan, plugins: PluginRegistry) -> dict[str, Any]:
-    options = with_game_options(RunConfig(env=plan.env), plugins, plan.options).game
+    options = spelt_out(plan.env, plan.options, plugins)
     return {
         "episodes": plan.episodes,
         "seed": plan.seed,

@@ -9,19 +9,22 @@ from __future__ import annotations
 import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from types import UnionType
+from typing import Any, Literal, Union
 
 from pydantic import BaseModel
 
 from apil_core.config import ActionMode, EvaluationConfig
 from apil_core.errors import ConfigError, suggest
+from apil_core.game_options import PHYSICS
+from apil_core.profiles import Profile, ProfiledOptions
 from apil_core.registry import options_model
 from apil_core.specs import GameSpec, Matchup, PublishedScore, load
 
 _MODE_KEYS = ("adversary_actions", "victim_actions")
 _MODES: tuple[ActionMode, ...] = ("sample", "mode")
 
-RowKind = Literal["default", "as-published", "switch", "variant"]
+RowKind = Literal["default", "as-published", "profile", "switch", "variant"]
 
 
 class RowPlan(BaseModel):
@@ -29,8 +32,8 @@ class RowPlan(BaseModel):
 
     Attributes:
         env: the game.
-        kind: the game's defaults, the published action modes, one switch of the defaults, or a variant
-            the user asked for.
+        kind: the game's defaults, the published action modes, either of them in another physics profile,
+            one switch of the defaults, or a variant the user asked for.
         options: the game's options that are not at their defaults.
         published: what to compare with.
         stands_in_for: the adversary ``published`` was measured with, if it is another one.
@@ -90,6 +93,7 @@ class PlanRequest:
             the game; played for every game that has all of these options.
         seed: of every row.
         num_envs: games in parallel at most.
+        physics: profile to play everything in; games without profiles are skipped. ``None``: their default.
     """
 
     episodes: int = 1000
@@ -98,6 +102,7 @@ class PlanRequest:
     variants: Sequence[Mapping[str, Any]] = ()
     seed: int = 0
     num_envs: int = 128
+    physics: Profile | None = None
 
 
 @dataclass
@@ -128,6 +133,8 @@ def plan_rows(games: Iterable[GameSpec], request: PlanRequest, missing: Callable
         lacking = {name: missing(name) for m in spec.matchups for name in (m.adversary, m.victim)}
         for matchup in spec.matchups:
             reason = lacking[matchup.adversary] or lacking[matchup.victim]
+            if reason is None and request.physics is not None:
+                reason = no_profiles(spec)
             if reason is not None:
                 facts = {"env": spec.name, "adversary": matchup.adversary, "victim": matchup.victim}
                 plan.skipped.append(SkippedMatchup(**facts, reason=reason))
@@ -142,35 +149,45 @@ def plan_rows(games: Iterable[GameSpec], request: PlanRequest, missing: Callable
     return plan
 
 
-def switches(model: type[BaseModel] | None) -> list[dict[str, Any]]:
+def switches(model: type[BaseModel] | None, physics: Profile | None = None) -> list[dict[str, Any]]:
     """One switch at a time: the other action modes, then each other value of each flag and choice.
 
     Numbers are not switched: a model does not say which other number would mean anything.
 
     Args:
         model: the game's option model, or ``None``.
+        physics: profile that the switches start from; ``None``: the game's default.
     """
     default = _default_modes()
     pairs = [dict(zip(_MODE_KEYS, (a, b), strict=True)) for a in _MODES for b in _MODES]
     found: list[dict[str, Any]] = [pair for pair in pairs if pair != default]
+    start = _values(model, {} if physics is None else {PHYSICS: physics})
     for name, info in ({} if model is None else model.model_fields).items():
-        found += [{name: value} for value in _choices(info.annotation) if value != info.default]
+        found += [{name: value} for value in _choices(info.annotation) if value != start[name]]
     return found
+
+
+def no_profiles(spec: GameSpec) -> str | None:
+    """Why a game cannot be played in another physics profile; ``None`` if it can."""
+    model = _model(spec)
+    fine = model is not None and issubclass(model, ProfiledOptions)
+    return None if fine else f"game {spec.name} has no physics profiles"
 
 
 def _rows(kind: RowKind, spec: GameSpec, matchup: Matchup, request: PlanRequest) -> Iterator[RowPlan]:
     model = _model(spec)
+    base = _base(model, request.physics)
     changes: list[dict[str, Any]] = []
-    if kind == "default":
-        changes = [{}]
-    elif kind == "as-published" and matchup.published is not None:
+    if kind == ("profile" if base else "default"):
+        changes.append({})
+    if kind == ("profile" if base else "as-published") and matchup.published is not None:
         known = {key: getattr(matchup.published, key) for key in _MODE_KEYS}
-        changes = [{key: mode for key, mode in known.items() if mode is not None}]
-    elif kind == "switch" and request.switches:
-        changes = switches(model)
-    elif kind == "variant":
+        changes.append({key: mode for key, mode in known.items() if mode is not None})
+    if kind == "switch" and request.switches:
+        changes = switches(model, request.physics)
+    if kind == "variant":
         changes = [dict(variant) for variant in request.variants if _fits(variant, model)]
-    episodes = request.episodes if kind in ("default", "as-published") else request.switch_episodes
+    episodes = request.switch_episodes if kind in ("switch", "variant") else request.episodes
     for change in changes:
         modes = {key: change.pop(key, mode) for key, mode in _default_modes().items()}
         yield RowPlan(
@@ -179,7 +196,7 @@ def _rows(kind: RowKind, spec: GameSpec, matchup: Matchup, request: PlanRequest)
             victim=matchup.victim,
             kind=kind,
             **modes,
-            options=change,
+            options=_told(model, {**base, **change}),
             episodes=episodes,
             seed=request.seed,
             num_envs=min(episodes, request.num_envs),
@@ -198,9 +215,35 @@ def _model(spec: GameSpec) -> type[BaseModel] | None:
 
 
 def _choices(annotation: Any) -> tuple[Any, ...]:
+    """Values of a flag or a choice, ``None`` aside."""
     if annotation is bool:
         return (False, True)
-    return typing.get_args(annotation) if typing.get_origin(annotation) is Literal else ()
+    if typing.get_origin(annotation) is Literal:
+        return typing.get_args(annotation)
+    kinds = [kind for kind in typing.get_args(annotation) if kind is not type(None)]
+    optional = typing.get_origin(annotation) in (Union, UnionType) and len(kinds) == 1
+    return _choices(kinds[0]) if optional else ()
+
+
+def _values(model: type[BaseModel] | None, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Value of every option, the profile's where there are profiles."""
+    if model is None:
+        return {}
+    made = model.model_validate(dict(options))
+    return {**made.model_dump(), **(made.profile_values() if isinstance(made, ProfiledOptions) else {})}
+
+
+def _base(model: type[BaseModel] | None, physics: Profile | None) -> dict[str, Any]:
+    """The options that put a game into a profile other than its default."""
+    return {} if physics is None else _told(model, {PHYSICS: physics})
+
+
+def _told(model: type[BaseModel] | None, options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options that change something: neither a default nor what the profile says anyway."""
+    plain = _values(model, {})
+    profile = {key: value for key, value in options.items() if key == PHYSICS and value != plain.get(key)}
+    start = _values(model, profile)
+    return {**profile, **{key: value for key, value in options.items() if start.get(key) != value}}
 
 
 def _fits(variant: Mapping[str, Any], model: type[BaseModel] | None) -> bool:

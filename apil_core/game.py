@@ -14,6 +14,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from apil_core.errors import ApilError
+from apil_core.stopwatch import PhysicsStopwatch
 
 Array = NDArray[Any]
 
@@ -117,6 +118,11 @@ class Game(ABC):
         """Distributions this game's rules come from; their versions are stored with every score."""
         return ()
 
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What its options come to where a profile fills them in, ``physics`` naming it; kept with scores."""
+        return {}
+
     @abstractmethod
     def seed(self, seed: int) -> None:
         """Restart the game's random generator."""
@@ -179,6 +185,13 @@ class Game(ABC):
             ApilError: this game has no window, or this machine no screen.
         """
         raise ApilError(f"{type(self).__name__} has no window of its own")
+
+    def physics_stopwatch(self) -> PhysicsStopwatch | None:
+        """A stopwatch for the physics of this game alone, or ``None`` if nothing in it can be timed apart.
+
+        The caller closes it before the game.
+        """
+        return None
 
     def close(self) -> None:  # noqa: B027  (optional)
         """Release threads, processes or windows."""

@@ -18,6 +18,7 @@ from apil_core.adversary import ObservationBuilder
 from apil_core.config import RunConfig
 from apil_core.episodes import EpisodeStats
 from apil_core.errors import PluginError
+from apil_core.finite import all_finite
 from apil_core.game import Game, GameStep
 from apil_core.method import Run
 from apil_core.normalize import ReturnNormalizer
@@ -204,7 +205,7 @@ class AttackEnv:
         total = step.reward
         for name, value in terms.items():
             total = total + self.hooks.checked("shape_reward", name, value, tuple(total.shape))
-        if not torch.isfinite(total).all():
+        if not all_finite(total):
             raise PluginError(f"game {self.config.env!r} gives NaN or infinite rewards")
         taken = terms.keys() & _OWN_TERMS
         if taken:

@@ -1,4 +1,5 @@
-"""PPO for every method, on rsl_rl's algorithm, models and storage. The only file that imports rsl_rl.
+"""PPO for every method, on rsl_rl's algorithm, models and storage. With ``ppo_storage`` the only
+file that imports rsl_rl.
 
 What rsl_rl does differently from the published PPO is set here (docs/methods.md §3, PPO):
 fixed schedule with the learning rate annealed from outside, clipped value loss, advantages
@@ -14,19 +15,22 @@ from typing import Any
 
 import torch
 from rsl_rl.algorithms import PPO
-from rsl_rl.models import MLPModel
-from rsl_rl.storage import RolloutStorage
+from rsl_rl.utils import reduce_gradients_in_buckets
 from tensordict import TensorDict
 from torch import Tensor, nn
 
 from apil_core.config import PPOConfig
+from apil_core.distributed.world import ALONE, World
 from apil_core.errors import ApilError
 from apil_core.networks import mlp
+from apil_core.ppo_storage import LatentModel, PPOStorage
 from apil_core.returns import gae
 from apil_core.types import DiagonalGaussian
 
 _ADAM_EPSILON = 1e-5
 MAIN_STREAM = "reward"
+_BUCKET_MB = 25.0
+"""Largest message in which processes exchange gradients, as rsl_rl's PPO has it."""
 
 
 class Actor(nn.Module):
@@ -47,8 +51,12 @@ class Actor(nn.Module):
     def forward(self, observations: TensorDict) -> DiagonalGaussian:
         """Distribution of the action, (n, a)."""
         model = self.model
-        mean = model.mlp(model.get_latent(observations))
-        return DiagonalGaussian(mean, model.distribution.log_std_param.exp())
+        return DiagonalGaussian(model.mlp(model.get_latent(observations)), self.std)
+
+    @property
+    def std(self) -> Tensor:
+        """Standard deviation of the action, the same for every observation, (a,)."""
+        return self.model.distribution.log_std_param.exp()
 
     def hidden(self, observations: TensorDict) -> Tensor:
         """Last hidden layer, (n, h)."""
@@ -58,14 +66,14 @@ class Actor(nn.Module):
         return latent
 
 
-def _model(example: TensorDict, output_size: int, config: PPOConfig, *, stochastic: bool) -> MLPModel:
+def _model(example: TensorDict, output_size: int, config: PPOConfig, *, stochastic: bool) -> LatentModel:
     names = list(example.keys())
     distribution = {
         "class_name": "rsl_rl.modules.distribution:GaussianDistribution",
         "init_std": config.init_std,
         "std_type": "log",
     }
-    model = MLPModel(
+    model = LatentModel(
         example,
         {"observations": names},
         "observations",
@@ -88,18 +96,24 @@ class Learner:
         example: normalised observations of all games, for shapes, batch (num_envs,).
         config: PPO's settings.
         device: of the networks.
+        world: processes whose gradients are averaged.
     """
 
-    def __init__(self, actor: Actor, example: TensorDict, config: PPOConfig, device: torch.device):
+    def __init__(
+        self,
+        actor: Actor,
+        example: TensorDict,
+        config: PPOConfig,
+        device: torch.device,
+        world: World = ALONE,
+    ):
         self.config = config
         self.device = device
+        self.world = world
         self.actor = actor.to(device)
         self._example = example[:1].clone()
-        num_envs = example.batch_size[0]
         action_size = actor.model.distribution.output_dim
-        self.storage = RolloutStorage(
-            "rl", num_envs, config.num_steps, example, [action_size], device=str(device)
-        )
+        self.storage = PPOStorage(example, config.num_steps, action_size, device)
         self.ppo = PPO(
             actor.model,
             _model(example, 1, config, stochastic=False),
@@ -118,18 +132,32 @@ class Learner:
             schedule="fixed",
             normalize_advantage_per_mini_batch=True,
             device=str(device),
+            multi_gpu_cfg=world.multi_gpu_cfg,
         )
         for group in self.ppo.optimizer.param_groups:
             group["eps"] = _ADAM_EPSILON
         self.critics: dict[str, StreamCritic] = {}
 
+    def start_equal(self) -> None:
+        """Give all processes the first one's networks."""
+        if self.world.size == 1:
+            return
+        self.ppo.broadcast_parameters()
+        for critic in self.critics.values():
+            critic.start_equal()
+
+    @torch.no_grad()
     def act(self, observations: TensorDict) -> Tensor:
         """Draw actions (n, a) and remember what the update needs; torch's global generator draws."""
-        return self.ppo.act(observations)
+        latent = self.storage.next_latent(observations)
+        mean = self.actor.model.mlp(latent)
+        action = torch.normal(mean, self.actor.std.expand_as(mean))
+        self.storage.keep_action(mean, action)
+        return action
 
-    def record(self, observations: TensorDict, reward: Tensor, done: Tensor) -> None:
-        """Store the step that :meth:`act` began: normalised reward (n,) and end flags (n,)."""
-        self.ppo.process_env_step(observations, reward, done, {})
+    def record(self, reward: Tensor, done: Tensor) -> None:
+        """Store how the step that :meth:`act` began went: normalised reward (n,) and end flags (n,)."""
+        self.storage.keep_outcome(reward, done)
 
     def advantages(self, last: TensorDict, streams: Mapping[str, Tensor]) -> dict[str, Tensor]:
         """GAE per reward stream, each (T, n); also sets every critic's targets.
@@ -140,11 +168,16 @@ class Learner:
         """
         storage = self.storage
         with torch.no_grad():  # not inference mode: plugins may train on what comes out
+            # one pass over the whole rollout: the critic is not needed while it is collected
+            storage.values.copy_(self.ppo.critic(storage.observations))
+            storage.keep_log_prob(self.actor.std)
             main = self._gae(storage.rewards[..., 0], storage.values[..., 0], self.ppo.critic(last)[:, 0])
             storage.returns.copy_((main + storage.values[..., 0]).unsqueeze(-1))
         result = {MAIN_STREAM: main}
         for name, rewards in streams.items():
-            result[name] = self._stream_critic(name).advantages(self, rewards, last)
+            if name not in self.critics:
+                self._stream_critic(name).start_equal()
+            result[name] = self.critics[name].advantages(self, rewards, last)
         return result
 
     def update(self, advantages: Tensor, *, as_given: bool, learning_rate: float) -> dict[str, float]:
@@ -163,7 +196,7 @@ class Learner:
         ppo.normalize_advantage_per_mini_batch = not as_given
         self.storage.advantages.copy_(advantages.unsqueeze(-1))
         observations = self.storage.observations.flatten(0, 1)
-        before = DiagonalGaussian(*(p.flatten(0, 1) for p in self.storage.distribution_params))
+        before = DiagonalGaussian(self.storage.means.flatten(0, 1), self.actor.std.detach().clone())
         metrics = {f"ppo/{name}": float(value) for name, value in ppo.update().items()}
         with torch.inference_mode():
             after = self.actor(observations)
@@ -205,19 +238,24 @@ class Learner:
     def _stream_critic(self, name: str) -> StreamCritic:
         if name not in self.critics:
             model = _model(self._example, 1, self.config, stochastic=False).to(self.device)
-            self.critics[name] = StreamCritic(model, self.config)
+            self.critics[name] = StreamCritic(model, self.config, self.world)
         return self.critics[name]
 
 
 class StreamCritic:
     """The critic of one further reward stream, trained in its own optimiser."""
 
-    def __init__(self, model: MLPModel, config: PPOConfig):
+    def __init__(self, model: LatentModel, config: PPOConfig, world: World):
         self.model = model
         self.config = config
+        self.world = world
         kind = torch.optim.AdamW if config.optimizer == "adamw" else torch.optim.Adam
         self.optimizer = kind(model.parameters(), config.learning_rate, eps=_ADAM_EPSILON)
         self._targets: Tensor | None = None
+
+    def start_equal(self) -> None:
+        """Give all processes the first one's weights."""
+        self.world.broadcast(list(self.model.state_dict().values()))
 
     def advantages(self, learner: Learner, rewards: Tensor, last: TensorDict) -> Tensor:
         """GAE of the stream, (T, n); keeps the critic's targets for :meth:`update`."""
@@ -240,6 +278,8 @@ class StreamCritic:
                 loss = (self.model(observations[rows])[:, 0] - self._targets[rows]).square().mean()
                 self.optimizer.zero_grad()
                 loss.backward()
+                if self.world.size > 1:
+                    reduce_gradients_in_buckets(self.model.parameters(), self.world.size, _BUCKET_MB)
                 nn.utils.clip_grad_norm_(self.model.parameters(), self.config.max_grad_norm)
                 self.optimizer.step()
                 losses.append(loss.detach())

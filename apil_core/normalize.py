@@ -9,6 +9,8 @@ import torch
 from torch import Tensor, nn
 
 _EPSILON = 1e-8
+_PART = 512
+"""Rows converted to double precision at a time."""
 
 
 class RunningMoments(nn.Module):
@@ -34,18 +36,30 @@ class RunningMoments(nn.Module):
         count = rows.shape[0]
         if count == 0:
             return
-        rows = rows.double()
-        mean = rows.mean(0)
-        var = (rows - mean).square().mean(0)
-        total = self.count + count
-        delta = mean - self.mean
-        if self.count == 0:
+        mean, var = _moments(rows)
+        before = float(self.count)
+        total = before + count
+        if not before:
+            self.mean.copy_(mean)
             self.var.copy_(var)
         else:
             share = count / total
+            delta = mean - self.mean
             self.var.mul_(1 - share).add_(share * var + delta.square() * (share * (1 - share)))
-        self.mean.add_(delta * (count / total))
-        self.count.copy_(total)
+            self.mean.add_(delta * share)
+        self.count.fill_(total)
+
+
+def _moments(rows: Tensor) -> tuple[Tensor, Tensor]:
+    """Mean and variance of ``rows`` (m, k), each (k,), float64.
+
+    In parts that stay in the processor's cache: a rollout in double precision does not.
+    """
+    count = rows.shape[0]
+    parts = rows.split(_PART)
+    mean = sum(part.double().sum(0) for part in parts) / count
+    squares = sum((part.double() - mean).square_().sum(0) for part in parts)
+    return mean, squares / count
 
 
 class ObservationNormalizer(nn.Module):
@@ -103,7 +117,7 @@ class ReturnNormalizer(nn.Module):
         """Take in one step's rewards (n,) and end flags (n,), and return the rewards normalised, (n,)."""
         self.returns.mul_(self.gamma).add_(reward)
         self.moments.update(self.returns.unsqueeze(-1))
-        self.returns[done] = 0.0
+        self.returns.masked_fill_(done, 0.0)
         return self(reward)
 
     def forward(self, reward: Tensor) -> Tensor:

@@ -12,13 +12,14 @@ import torch
 
 from apil_core.build import check_device
 from apil_core.config import ActionMode, RunConfig
-from apil_core.config_io import with_game_options
 from apil_core.errors import ConfigError, RunDirError
 from apil_core.game import Game
+from apil_core.game_options import with_game_options
 from apil_core.observation_filter import ObservationFilter
 from apil_core.play import Players, Seat
 from apil_core.plugins import PluginRegistry, discover
 from apil_core.policy import Policy
+from apil_core.profiles import Profile
 from apil_core.registry import default_plugins, make_game
 from apil_core.run_hooks import RunHookManager
 from apil_core.seats import BASELINES, Taking, load_victim, run_victim, victim_side
@@ -109,6 +110,7 @@ class PairingOptions(TypedDict, total=False):
     victim_actions: ActionMode | None
     game_options: Mapping[str, Any] | None
     sets: Sequence[str]
+    physics: Profile | None
     threads: int
     device: str
     plugins: PluginRegistry | None
@@ -127,6 +129,7 @@ def load_pairing(
     victim_actions: ActionMode | None = None,
     game_options: Mapping[str, Any] | None = None,
     sets: Sequence[str] = (),
+    physics: Profile | None = None,
     seed: int = 0,
     threads: int = 0,
     device: str = "cpu",
@@ -146,6 +149,7 @@ def load_pairing(
         adversary_actions, victim_actions: ``"sample"`` or ``"mode"``; default: the run's setting.
         game_options: single options of the game to change.
         sets: the same as ``game.KEY=VALUE`` texts; they have the last word.
+        physics: profile to play in; single values of the run's physics (``solver``, …) do not count then.
         seed: of what stochastic hooks of the adversary draw from.
         threads: physics threads (0: all CPUs); never changes the result.
         device: of the networks.
@@ -161,7 +165,7 @@ def load_pairing(
     _check_numbers(seed=(seed, 0), num_envs=(num_envs, 1), threads=(threads, 0))
     source, stored = _stored(adversary, env, checkpoint_path)
     plugins = plugins or _plugins([stored, *_victims_config(victim)], plugin_files)
-    config = with_game_options(stored, plugins, game_options, sets)
+    config = with_game_options(stored, plugins, game_options, sets, physics)
     _adjust(config, victim, trust, device, adversary_actions, victim_actions)
     side = 1 - victim_side(config, plugins)
     game = make_game(config.env, num_envs=num_envs, threads=threads, options=config.game, plugins=plugins)

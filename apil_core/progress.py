@@ -15,9 +15,9 @@ class Progress:
 
     ``metrics`` of :meth:`iteration` hold (among the methods' own, ``<plugin>/<name>``):
     ``iteration``, ``steps``, ``total_steps``, ``wall_seconds``, ``steps_per_second``,
-    ``collect_seconds``, ``update_seconds``, ``games`` (ended in this iteration), ``games_total``,
-    ``window_games``, ``window_wins``, ``window_ties``, ``window_losses`` (the last 1000 ended games,
-    adversary's view), ``cause/<name>``, ``return/adversary``, ``return/victim``,
+    ``collect_seconds``, ``update_seconds``, ``memory_mb`` (resident, of 10⁶ bytes), ``games`` (ended in this
+    iteration), ``games_total``, ``window_games``, ``window_wins``, ``window_ties``, ``window_losses`` (the
+    last 1000 ended games, adversary's view), ``cause/<name>``, ``return/adversary``, ``return/victim``,
     ``episode_length``, ``reward/<term>``, ``ppo/<name>``.
     """
 

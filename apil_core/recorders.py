@@ -12,7 +12,7 @@ from apil_core.errors import RunDirError
 
 
 class JsonlRecorder:
-    """One JSON object per iteration in ``metrics.jsonl``, flushed so that a kill loses at most one.
+    """One JSON object per row in ``metrics.jsonl``, flushed so that a kill loses at most one.
 
     NaN and infinities, for which JSON has no numbers, become ``null``.
 
@@ -49,7 +49,7 @@ class TensorBoardRecorder:
 
     Args:
         run_dir: an existing directory. After a resume a second event file goes on where the first
-            ended; points past the checkpoint are hidden (``purge_step``).
+            ended; points that the first row replaces are hidden (``purge_step``).
     """
 
     def __init__(self, run_dir: Path):
@@ -62,8 +62,9 @@ class TensorBoardRecorder:
         if self._writer is None:
             from torch.utils.tensorboard import SummaryWriter
 
+            first = step - int(metrics.get("row_steps", 1)) + 1
             try:
-                self._writer = SummaryWriter(str(self.log_dir), purge_step=step)
+                self._writer = SummaryWriter(str(self.log_dir), purge_step=first)
             except OSError as error:
                 raise RunDirError(f"cannot write {self.log_dir}: {error.strerror}") from error
         for key, value in metrics.items():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -107,13 +107,15 @@ class RunHookManager:
         """
         import torch
 
+        from apil_core.finite import all_finite
+
         label = f"{name!r} must be" if name else "must return"
         if not isinstance(value, torch.Tensor):
             raise self.complaint(hook, f"{label} a tensor {shape} float32, got {value!r}", by)
         if value.shape != shape or value.dtype != torch.float32:
             got = f"{tuple(value.shape)} {str(value.dtype).removeprefix('torch.')}"
             raise self.complaint(hook, f"{label} {shape} float32, got {got}", by)
-        if not torch.isfinite(value).all():
+        if not all_finite(value):
             raise self.complaint(hook, f"{label} finite, got NaN or infinite values", by)
         return value
 
@@ -121,6 +123,10 @@ class RunHookManager:
         """A caller namespace that asks ``plugin`` alone."""
         others = [other for other in self.plugins.values() if other is not plugin]
         return _Subset(self.manager, others)
+
+    def without(self, plugins: Collection[Any]) -> Any:
+        """A caller namespace that leaves ``plugins`` out."""
+        return _Subset(self.manager, list(plugins))
 
     @contextmanager
     def attribution(self) -> Iterator[None]:

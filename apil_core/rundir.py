@@ -17,6 +17,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from apil_core.config import RunConfig
+from apil_core.distributed.world import World
 from apil_core.errors import RunDirError
 from apil_core.files import write_atomically
 from apil_core.plugins import PluginRegistry
@@ -117,14 +118,17 @@ class RunDir:
         """Set aside checkpoints later than ``iteration``: the run goes on from there, on another path."""
         for path in self.checkpoints():
             if path.name > self.checkpoint_path(iteration).name:
-                path.replace(path.with_suffix(".pt.abandoned"))
+                for part in (path, *self._parts(path.name)):
+                    part.replace(part.with_name(f"{part.name}.abandoned"))
 
-    def retire_result(self) -> None:
+    def retire_result(self, now: int) -> None:
         """Keep what an earlier end left as ``result-<steps>.json`` and the like: the run goes on.
 
         Results of ends the run has gone back behind get ``.abandoned``: their scores are not on its course.
+
+        Args:
+            now: environment steps it goes on from.
         """
-        now = int(self.summary()["steps"])
         if self.result_path.is_file():
             try:
                 steps = int((self.result() or {}).get("steps", now))
@@ -156,9 +160,17 @@ class RunDir:
             raise RunDirError(f"another process is training in {self.path}") from error
 
     def prune(self, keep: int) -> None:
-        """Delete all but the newest ``keep`` checkpoints."""
+        """Delete all but the newest ``keep`` checkpoints, and parts of those that never became whole."""
         for old in self.checkpoints()[:-keep]:
             old.unlink(missing_ok=True)
+        for part in self._parts("iteration-*.pt"):
+            if not part.with_suffix("").is_file():
+                part.unlink(missing_ok=True)
+
+    def _parts(self, pattern: str) -> list[Path]:
+        """What processes other than the first keep beside checkpoints of that name."""
+        found = self.checkpoint_dir.glob(f"{pattern}.rank*")
+        return [part for part in found if part.suffix.removeprefix(".rank").isdecimal()]
 
     def write_json(self, path: Path, value: Any) -> None:
         """Write ``value`` as JSON, atomically."""
@@ -224,6 +236,11 @@ class RunDir:
             raise RunDirError(f"{path} is damaged: {error}") from error
 
 
+def part_of_rank(path: Path, rank: int) -> Path:
+    """Where the process of that rank keeps its part of the checkpoint; ``path`` is the first one's."""
+    return path if rank == 0 else path.with_name(f"{path.name}.rank{rank}")
+
+
 def list_runs(root: Path = DEFAULT_ROOT) -> list[RunDir]:
     """All runs below ``root``, by path."""
     return [RunDir(path.parent) for path in sorted(root.glob("**/config.yaml"))]
@@ -233,6 +250,7 @@ def environment(command: Sequence[str]) -> dict[str, Any]:
     """What a number may depend on: command, versions, host and the code's git state."""
     return {
         "command": list(command),
+        "processes": World.here().size,
         "time": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
         "python": sys.version.split()[0],
         "versions": {name: _version(name) for name in _PACKAGES},

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
 from apil_core import checkpoint
 from apil_core.build import build
-from apil_core.checkpoint_fit import check_same_run, fitting
+from apil_core.checkpoint_fit import check_same_run, check_same_world, fitting
 from apil_core.config import RunConfig
 from apil_core.config_io import complete
+from apil_core.distributed.join import joined
+from apil_core.distributed.world import World
 from apil_core.errors import ConfigError, RunDirError, UnknownNameError
+from apil_core.log_rows import iterations_in_rows
 from apil_core.plugins import PluginRegistry, discover
 from apil_core.progress import Progress
 from apil_core.recorders import truncate_metrics
 from apil_core.registry import default_plugins
-from apil_core.rundir import RunDir
+from apil_core.rundir import RunDir, part_of_rank
 from apil_core.session import RunResult as RunResult
 from apil_core.session import Session
 from apil_core.trainer import Trainer
@@ -33,6 +38,8 @@ def run(
 ) -> RunResult:
     """Train an adversary as ``config`` says, checkpointing on the way, and score it at the end.
 
+    Started by torchrun, all its processes train together (docs/distributed.md).
+
     Args:
         config: see :class:`apil_core.RunConfig`.
         out: run directory; default ``runs/<env>/<method>/<time>-s<seed>``.
@@ -46,12 +53,15 @@ def run(
     registry = plugins or _plugins(config)
     # settings copied from another run bring the hash of that one's victim along
     config = complete(config, registry).model_copy(update={"victim_sha256": ""})
-    trainer = _trainer(config, registry)
-    if config.init_from is not None:
-        _initialise(trainer, config.init_from)
-    run_dir = RunDir.create(trainer.config, out, command, registry)
-    with run_dir.lock():
-        return Session(trainer, run_dir, progress or Progress(), registry).go()
+    with joined(config.device) as world:
+        trainer = _trainer(config, registry, world)
+        if config.init_from is not None:
+            _initialise(trainer, config.init_from)
+        trainer.start_equal()
+        made = RunDir.create(trainer.config, out, command, registry).path if world.is_main else None
+        run_dir = RunDir(world.share(made) or "")
+        with _held(run_dir, world):
+            return Session(trainer, run_dir, progress or Progress(), registry).go()
 
 
 def resume(
@@ -78,32 +88,53 @@ def resume(
     """
     directory = RunDir(run_dir)
     stored = directory.config()
-    with directory.lock():
-        path = checkpoint_path or directory.newest_checkpoint()
-        state = checkpoint.read(path)
-        check_same_run(state, stored, path)
+    with joined(stored.device) as world, _held(directory, world):
+        path = world.share(checkpoint_path or directory.newest_checkpoint())
+        state = _read(path, stored, world)
         config = _changed(stored, steps, threads)
-        result = directory.result() or {}
-        # a run killed during its final evaluation has all its steps but no result for them yet
-        ended = result.get("status") == "finished" and result.get("steps") == state["steps"]
-        if state["steps"] >= config.steps and ended:
-            raise RunDirError(
-                f"{directory.path} is finished at {state['steps']} steps; to extend it: "
-                f"apil resume {directory.path} --steps N with N > {state['steps']}"
-            )
+        _check_unfinished(directory, state, config, world)
         registry = _plugins(config)
-        trainer = _trainer(config, registry)
+        trainer = _trainer(config, registry, world)
         with fitting(path):
             trainer.load_state_dict(state)
-        truncate_metrics(directory.metrics_path, state["iteration"])
-        directory.abandon_after(state["iteration"])
-        directory.retire_result()
-        directory.write_config(trainer.config, registry)
-        directory.note_environment(command)
+        world.wait()  # until all have read what the first one changes now
+        if world.is_main:
+            truncate_metrics(directory.metrics_path, iterations_in_rows(state))
+            directory.abandon_after(state["iteration"])
+            directory.retire_result(int(state["steps"]))
+            directory.write_config(trainer.config, registry)
+            directory.note_environment(command)
         progress = progress or Progress()
         if config.steps != stored.steps:
             _note_changed_schedules(trainer, progress)
-        return Session(trainer, directory, progress, registry).go()
+        return Session(trainer, directory, progress, registry, state.get("pending_rows", ())).go()
+
+
+@contextmanager
+def _held(directory: RunDir, world: World) -> Iterator[None]:
+    """The directory's lock, which the first process takes for all."""
+    with directory.lock() if world.is_main else nullcontext():
+        world.wait()
+        yield
+
+
+def _read(path: Path, stored: RunConfig, world: World) -> dict[str, Any]:
+    """This process's part of the checkpoint."""
+    state = checkpoint.read(path)
+    check_same_run(state, stored, path)
+    check_same_world(state, world, path)
+    return state if world.is_main else checkpoint.read(part_of_rank(path, world.rank))
+
+
+def _check_unfinished(directory: RunDir, state: dict[str, Any], config: RunConfig, world: World) -> None:
+    result = directory.result() or {}
+    # a run killed during its final evaluation has all its steps but no result for them yet
+    ended = result.get("status") == "finished" and result.get("steps") == state["steps"]
+    if state["steps"] >= config.steps and ended:
+        raise RunDirError(
+            f"{directory.path} is finished at {state['steps']} steps; to extend it: "
+            f"{world.command} resume {directory.path} --steps N with N > {state['steps']}"
+        )
 
 
 def _changed(config: RunConfig, steps: int | None, threads: int | None) -> RunConfig:
@@ -132,11 +163,11 @@ def _plugins(config: RunConfig) -> PluginRegistry:
     return discover(config.plugins) if config.plugins else default_plugins()
 
 
-def _trainer(config: RunConfig, registry: PluginRegistry) -> Trainer:
+def _trainer(config: RunConfig, registry: PluginRegistry, world: World) -> Trainer:
     for name in config.recorders:
         if name not in registry.recorders:
             raise UnknownNameError("recorder", name, registry.recorders)
-    return Trainer(build(config, registry), registry)
+    return Trainer(build(config, registry, world=world), registry)
 
 
 def _initialise(trainer: Trainer, source: Path) -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from apil_core.game_options import stored_game
 from apil_core.rundir import RunDir
 
 _FREE: Any = {
-    **dict.fromkeys(("seed", "threads", "device", "checkpoint", "recorders", "trust"), True),
+    **dict.fromkeys(("seed", "threads", "device", "checkpoint", "recorders", "log_rows", "trust"), True),
     "evaluation": {"episodes", "every_steps", "periodic_episodes"},
 }
 """Settings in which runs of one attack may differ."""
@@ -26,7 +27,8 @@ def seed_groups(runs: Sequence[RunDir]) -> list[list[int]]:
     copies: dict[tuple[str, int], int] = {}
     for place, run in enumerate(runs):
         config = run.config()
-        attack = config.model_dump_json(exclude=_FREE)
+        played = config.model_copy(update={"game": stored_game(config)})
+        attack = played.model_dump_json(exclude=_FREE)
         copy = copies.get((attack, config.seed), 0)
         copies[attack, config.seed] = copy + 1
         groups.setdefault((attack, copy), []).append(place)

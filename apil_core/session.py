@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
@@ -13,12 +13,15 @@ from typing import Any, Literal
 from pydantic import BaseModel
 
 from apil_core import checkpoint
+from apil_core.distributed.join import in_contact
 from apil_core.errors import ApilError
 from apil_core.evaluation import EvaluationResult
 from apil_core.files import sha256
+from apil_core.log_rows import Row, RowLog, iterations_per_row
+from apil_core.memory import resident_mb
 from apil_core.plugins import PluginRegistry
 from apil_core.progress import Progress
-from apil_core.rundir import RunDir
+from apil_core.rundir import RunDir, part_of_rank
 from apil_core.seats import victim_name
 from apil_core.specs import load
 from apil_core.torch_threads import one_torch_thread
@@ -36,16 +39,31 @@ class RunResult(BaseModel):
 
 
 class Session:
-    """One stretch of a run between start and finish, Ctrl-C or crash."""
+    """One stretch of a run between start and finish, Ctrl-C or crash.
 
-    def __init__(self, trainer: Trainer, run_dir: RunDir, progress: Progress, plugins: PluginRegistry):
+    Of several processes that train together each has one; only the first one's says, evaluates and
+    records anything.
+
+    Args:
+        pending_rows: metrics that the checkpoint says are in no row of the log yet.
+    """
+
+    def __init__(
+        self,
+        trainer: Trainer,
+        run_dir: RunDir,
+        progress: Progress,
+        plugins: PluginRegistry,
+        pending_rows: Iterable[Row] = (),
+    ):
         self.trainer = trainer
         self.run_dir = run_dir
         self.progress = progress
         self.config = trainer.config
-        self.recorders = [
-            load(plugins.recorders[name].factory)(run_dir.path) for name in self.config.recorders
-        ]
+        self.world = trainer.world
+        names = self.config.recorders if self.world.is_main else ()
+        recorders = [load(plugins.recorders[name].factory)(run_dir.path) for name in names]
+        self.log = RowLog(recorders, iterations_per_row(self.config), pending_rows)
         self.victim = victim_name(self.config, plugins)
         self._saved_iteration = -1
         self._stop = False
@@ -54,20 +72,13 @@ class Session:
         """Train until the budget is used up or somebody stops it; always leaves a checkpoint."""
         trainer, hooks = self.trainer, self.trainer.attack.hooks
         self.progress.started(self.config, self.run_dir.path, self.victim, trainer.steps)
-        status: Literal["finished", "interrupted"] = "interrupted"
-        evaluation = None
         try:
-            with hooks.attribution(), self._stop_on_signal(), one_torch_thread():
-                hooks.hook.run_started(run=trainer)
-                while not trainer.finished and not self._stop:
+            with hooks.attribution(), in_contact(), self._stop_on_signal(), one_torch_thread():
+                self._hook.run_started(run=trainer)
+                while not trainer.finished and not self.world.any(self._stop):
                     self._iteration()
                 self.save()
-                if trainer.finished and not self._stop:
-                    evaluation = self._final_evaluation()
-                    hooks.hook.run_finished(run=trainer)
-                    status = "finished"
-        except _Stopped:
-            pass  # in the final evaluation: the checkpoint is written already
+                status, evaluation = self._finish()
         except Exception as error:
             self._note_failure(error)
             raise
@@ -75,44 +86,88 @@ class Session:
             self._close()
         return self._result(status, evaluation)
 
+    @property
+    def _hook(self) -> Any:
+        """Caller of hooks on the run's course: observers, who may print and write, hear of it once."""
+        attack = self.trainer.attack
+        if self.world.is_main:
+            return attack.hooks.hook
+        return attack.hooks.without(
+            [plugin for name, plugin in attack.hooks.plugins.items() if name not in attack.methods]
+        )
+
     def _iteration(self) -> None:
         trainer = self.trainer
         before = trainer.steps
         metrics = trainer.iterate()
+        if self.world.is_main:
+            self._told(before, metrics)
+        if self.world.size > 1:  # the others wait here while the first one evaluates
+            metrics = self.world.share(metrics)
+        if not self.world.is_main:
+            self._hook.iteration_finished(run=trainer, metrics=metrics)
+        if trainer.iteration % self.config.checkpoint.every_iterations == 0:
+            self.save()
+
+    def _told(self, before: int, metrics: dict[str, float]) -> None:
+        """:meth:`_report`; if that fails, the iteration itself is sound, so it is kept."""
         try:
             self._report(before, metrics)
         except Exception:
-            with suppress(ApilError):
-                self.save()  # the iteration itself is sound: keep it
+            if self.world.size == 1:  # with others the checkpoint would wait for them, and they for this
+                with suppress(ApilError):
+                    self.save()
             raise
-        if trainer.iteration % self.config.checkpoint.every_iterations == 0:
-            self.save()
 
     def _report(self, before: int, metrics: dict[str, float]) -> None:
         """Evaluate if it is time to, and tell recorders, people and hooks of the iteration."""
         trainer = self.trainer
+        metrics["memory_mb"] = resident_mb()
         every = self.config.evaluation.every_steps
         if every and before // every < trainer.steps // every:
             with suppress(_Stopped):
                 result = self._evaluate(self.config.evaluation.periodic_episodes)
                 metrics.update(_evaluation_metrics(result))
-        for recorder in self.recorders:
-            recorder.record(metrics)
+        self.log.record(metrics, trainer.steps - before)
         self.progress.iteration(metrics)
         trainer.hook.iteration_finished(run=trainer, metrics=metrics)
 
     def save(self) -> None:
-        """Write a checkpoint of this iteration boundary (once) and drop the oldest."""
+        """Write a checkpoint of this iteration boundary (once) and drop the oldest.
+
+        The first process's file is written last, so where it is, there are all.
+        """
         iteration = self.trainer.iteration
         if self._saved_iteration == iteration:
             return
-        checkpoint.save(self.run_dir.checkpoint_path(iteration), self.trainer.state_dict())
+        state = {**self.trainer.state_dict(), "pending_rows": self.log.pending}
+        path = self.run_dir.checkpoint_path(iteration)
+        if not self.world.is_main:
+            checkpoint.save(part_of_rank(path, self.world.rank), state)
+        self.world.wait()
+        if self.world.is_main:
+            checkpoint.save(path, state)
+            self.run_dir.prune(self.config.checkpoint.keep)
         self._saved_iteration = iteration
-        self.run_dir.prune(self.config.checkpoint.keep)
+
+    def _finish(self) -> tuple[Literal["finished", "interrupted"], EvaluationResult | None]:
+        """The score at the end, unless somebody stops it; the other processes wait for the first one's."""
+        status: Literal["finished", "interrupted"] = "interrupted"
+        evaluation = None
+        if self.world.is_main and self.trainer.finished and not self._stop:
+            with suppress(_Stopped):  # the checkpoint is written already
+                evaluation = self._final_evaluation()
+                status = "finished"
+        status = self.world.share(status)
+        if status == "finished":
+            self._hook.run_finished(run=self.trainer)
+        return status, evaluation
 
     def _note_failure(self, error: Exception) -> None:
-        newest = self.run_dir.checkpoints()
-        where = f"; continue from the last checkpoint with: apil resume {self.run_dir.path}" if newest else ""
+        if not self.world.is_main:
+            return
+        newest, command = self.run_dir.checkpoints(), f"{self.world.command} resume {self.run_dir.path}"
+        where = f"; continue from the last checkpoint with: {command}" if newest else ""
         message = f"stopped after {self.trainer.iteration} whole iterations by an error{where}"
         self.progress.note(message)
         with suppress(ApilError):
@@ -143,13 +198,13 @@ class Session:
             wall_seconds=self.trainer.wall_seconds,
             evaluation=evaluation,
         )
-        self.run_dir.write_json(self.run_dir.result_path, result.model_dump(mode="json"))
+        if self.world.is_main:
+            self.run_dir.write_json(self.run_dir.result_path, result.model_dump(mode="json"))
         return result
 
     def _close(self) -> None:
-        for recorder in self.recorders:
-            with suppress(OSError, ApilError):  # what went wrong was told when it was written
-                recorder.close()
+        with suppress(OSError, ApilError):  # what went wrong was told when it was written
+            self.log.close()
         self.progress.finished(self.run_dir.path)
         self.trainer.attack.game.close()
         self.trainer.side_games.close()

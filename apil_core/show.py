@@ -12,6 +12,7 @@ from apil_core.errors import ApilError, ConfigError
 from apil_core.files import why_unwritable
 from apil_core.film import check_film
 from apil_core.pairing import Pairing
+from apil_core.profiles import FAITHFUL
 from apil_core.progress import Progress
 from apil_core.spectacle import Moment, Outcome, PlayedGame, Spectacle
 from apil_core.strip import check_strip
@@ -172,7 +173,9 @@ def _cast(pairing: Pairing, programme: Programme) -> Cast:
     sides = pairing.game.layout.sides
     victim = f"{sides[1 - pairing.side].name}, {pairing.victim.info.name}"
     adversary = f"{sides[pairing.side].name}, {pairing.adversary.info.name}"
-    return Cast(victim, adversary, programme.games, Score())
+    physics = pairing.game.settings.get("physics", FAITHFUL)
+    note = "" if physics == FAITHFUL else f"physics {physics}"
+    return Cast(victim, adversary, programme.games, Score(), note)
 
 
 def _audiences(pairing: Pairing, programme: Programme, cast: Cast) -> list[Audience]:

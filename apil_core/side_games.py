@@ -63,11 +63,11 @@ class SideGames:
         game = make_game(
             config.env,
             num_envs=config.num_envs,
-            threads=config.threads,
+            threads=attack.world.threads(config.threads),
             options=config.game,
             plugins=self._plugins,
         )
-        game.seed(stream_seed(config.seed, "side games"))
+        game.seed(stream_seed(attack.world.seed(config.seed), "side games"))
         env = AttackEnv(
             game,
             policy,

@@ -10,6 +10,8 @@ import torch
 from torch import Tensor
 
 from apil_core.build import Attack, adversary_policy
+from apil_core.distributed.merging import merged
+from apil_core.distributed.replicas import Replicas
 from apil_core.errors import PluginError
 from apil_core.evaluation import MAX_PARALLEL_GAMES, EvaluationResult, score
 from apil_core.learner import MAIN_STREAM
@@ -47,12 +49,15 @@ class Trainer:
         self.wall_seconds = 0.0
         self._begun_at = 0
         self.side_games = SideGames(attack, plugins)
+        self.world = attack.world
+        statistics = [attack.builder.normalizers, *attack.env.normalizers.values()]
+        self._replicas = Replicas(attack.world, attack.methods, statistics)
         attack.env.run = self
 
     @property
     def steps(self) -> int:
-        """Environment steps so far, side games included."""
-        return self.attack.env.steps + self.side_games.steps
+        """Environment steps so far, side games and those of other processes included."""
+        return (self.attack.env.steps + self.side_games.steps) * self.world.size
 
     @property
     def finished(self) -> bool:
@@ -68,20 +73,28 @@ class Trainer:
             collected = time.perf_counter()
             rollout = self.attack.env.finish_rollout()
             metrics = self._learn(rollout)
+            self._replicas.agree(self.steps)
         end = time.perf_counter()
         self.iteration += 1
         self.wall_seconds += end - begin
         metrics.update(self.attack.env.stats.metrics())
+        if self.world.size > 1:
+            metrics = merged(self.world.gather(metrics))
         metrics.update(
             iteration=self.iteration,
             steps=self.steps,
             total_steps=self.total_steps,
             wall_seconds=self.wall_seconds,
-            steps_per_second=(rollout.steps / (end - begin)),
+            steps_per_second=(rollout.steps * self.world.size / (end - begin)),
             collect_seconds=collected - begin,
             update_seconds=end - collected,
         )
         return metrics
+
+    def start_equal(self) -> None:
+        """Before the first iteration: give all processes the first one's networks."""
+        self.attack.learner.start_equal()
+        self._replicas.start_equal()
 
     def _collect(self) -> None:
         env, learner = self.attack.env, self.attack.learner
@@ -89,9 +102,8 @@ class Trainer:
             observations = env.get_observations()
             for _ in range(self.config.ppo.num_steps):
                 actions = learner.act(observations)
-                following, reward, done, _ = env.step(actions)
-                learner.record(observations, reward, done)
-                observations = following
+                observations, reward, done, _ = env.step(actions)
+                learner.record(reward, done)
 
     def _learn(self, rollout: Rollout) -> dict[str, float]:
         hooks, learner = self.attack.hooks, self.attack.learner
@@ -197,6 +209,7 @@ class Trainer:
             "iteration": self.iteration,
             "steps": self.steps,
             "wall_seconds": self.wall_seconds,
+            "processes": self.world.size,
             **self._policy_state(),
             "env": attack.env.state_dict(),
             "side_games": self.side_games.state_dict(),

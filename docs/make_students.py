@@ -23,6 +23,7 @@ from apil_core.distillation.report import Report
 from apil_core.evaluation import wilson
 from apil_core.fidelity import FidelityRow
 from apil_core.fidelity_file import read_rows
+from apil_core.game_options import spelt_out
 from apil_core.registry import default_plugins
 from apil_core.victims.embedded import folder
 from apil_core.victims.student import load_file, save_file
@@ -90,7 +91,8 @@ def teacher_row(row: Row) -> FidelityRow:
         modes = (a.adversary_actions, a.victim_actions) == (b.adversary_actions, b.victim_actions)
         pair = {plan.adversary, plan.victim} == names
         # default options are spelt out in one file and left out in the other
-        options = all(b.game_options.get(key) == value for key, value in a.game_options.items())
+        default = spelt_out(plan.env, {}, default_plugins())
+        options = {**default, **a.options_played} == {**default, **b.options_played}
         if plan.env == row.report.env and plan.kind == "default" and pair and same and modes and options:
             return other
     raise SystemExit(f"{TEACHERS} has no row of {sorted(names)} with the settings of {row.name}'s games")

@@ -25,6 +25,7 @@ _VERBS = (
     ("distill", "distill:distill", _WORK, "Train a compact student of a policy, to ship or to attack."),
     ("runs", "runs:app", _WORK, "List runs, compare their scores, draw their learning curves."),
     ("export", "export:export", _WORK, "Write a trained adversary as ONNX, TorchScript or safetensors."),
+    ("bench", "bench:app", _WORK, "Measure how fast everything is beside the physics alone."),
     ("config", "config:app", _WORK, "Show, validate, describe and compare configurations."),
     ("victims", "victims:app", _WORK, "List, check, import and download victims."),
     ("methods", "offers:methods", _LOOK, "Attack methods there are."),

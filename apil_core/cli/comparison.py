@@ -11,6 +11,7 @@ from pydantic import BaseModel
 from apil_core.difference import Difference, difference
 from apil_core.evaluation import EvaluationResult, Rate
 from apil_core.final_score import final_score
+from apil_core.game_options import stored_game, stored_physics
 from apil_core.rundir import RunDir
 from apil_core.same_attack import seed_groups
 
@@ -21,6 +22,7 @@ class Row(BaseModel):
     run: str
     method: str
     env: str
+    physics: str | None = None
     victim: str
     seed: int
     steps: int
@@ -70,7 +72,8 @@ def compare(runs: Sequence[RunDir]) -> Comparison:
             row.win_or_tie_difference = difference(
                 score.wins + score.ties, score.episodes, first.wins + first.ties, first.episodes
             )
-    return Comparison(rows=rows, spreads=_spreads(runs, rows), warnings=_warnings(rows))
+    warnings = [*_warnings(rows), *_other_options(runs)]
+    return Comparison(rows=rows, spreads=_spreads(runs, rows), warnings=warnings)
 
 
 def _row(run: RunDir, score: EvaluationResult | None) -> Row:
@@ -87,6 +90,7 @@ def _row(run: RunDir, score: EvaluationResult | None) -> Row:
         run=str(run.path),
         method=config.method,
         env=config.env,
+        physics=stored_physics(config),
         victim=run.victim(),
         seed=config.seed,
         steps=summary["steps"],
@@ -130,3 +134,17 @@ def _warnings(rows: Sequence[Row]) -> list[str]:
         if len(values) > 1:
             warnings.append(f"runs differ in {name.replace('_', ' ')}: {', '.join(values)}")
     return warnings
+
+
+def _other_options(runs: Sequence[RunDir]) -> list[str]:
+    """One line that names the options of the game in which runs of one game differ."""
+    configs = [run.config() for run in runs]
+    if len({config.env for config in configs}) > 1:
+        return []  # said already, and options of other games mean other things
+    games = [stored_game(config) for config in configs]
+    different = []
+    for key in dict.fromkeys(key for game in games for key in game):
+        values = list(dict.fromkeys(str(game.get(key)) for game in games))
+        if len(values) > 1:
+            different.append(f"{key} ({', '.join(values)})")
+    return [f"runs differ in the game's options: {', '.join(different)}"] if different else []

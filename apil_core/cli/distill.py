@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
-from apil_core.cli.flags import Json, Plugins, Quiet, count
+from apil_core.cli.flags import PHYSICS_HELP, Json, Plugins, Quiet, count
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
 from apil_core.distillation.options import DistillConfig
 from apil_core.errors import ConfigError
+from apil_core.profiles import Profile
 
 if TYPE_CHECKING:
     from apil_core.difference import Difference
@@ -47,6 +48,10 @@ class DistillFlags:
     opponent: Annotated[
         str | None,
         Parameter(group=_WHO, help="Whom it plays [default: the game's agent for the other side]."),
+    ] = None
+    physics: Annotated[
+        Profile | None,
+        Parameter(group=_HOW, help=f"Physics profile; {PHYSICS_HELP} [default: faithful]."),
     ] = None
     network: Annotated[
         Literal["mlp", "lstm"] | None,
@@ -90,7 +95,8 @@ class DistillFlags:
             name: getattr(self, name)
             for name in (*names, "num_envs", "episodes", "seed", "threads", "device")
         }
-        return {name: value for name, value in values.items() if value is not None}
+        given = {name: value for name, value in values.items() if value is not None}
+        return given if self.physics is None else {**given, "game.physics": self.physics}
 
 
 def distill(
@@ -143,7 +149,7 @@ def _config(flags: DistillFlags, plugins: PluginRegistry) -> DistillConfig:
 
     if flags.env is None or flags.role is None:
         raise ConfigError("say what to distill: --env GAME --role SIDE (or --resume DIR)")
-    config = settings(flags.given(), flags.sets)
+    config = settings(flags.given(), flags.sets, plugins)
     specs = (plugins.policies.get(name.partition(":")[0]) for name in (config.teacher, config.opponent))
     named_code = any(spec is not None and spec.runs_code for spec in specs)
     return config.model_copy(update={"trust": True}) if named_code else config

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from apil_core.cli.flags import Json, Plugins, Quiet
+from apil_core.cli.flags import PHYSICS_HELP, Json, Plugins, Quiet
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
+from apil_core.profiles import Profile
 
 if TYPE_CHECKING:
     from apil_core.fidelity import FidelityRow, Figure
@@ -38,6 +39,10 @@ def fidelity(
             "wherever a game has them; repeatable.",
         ),
     ] = None,
+    physics: Annotated[
+        Profile | None,
+        Parameter(help=f"Play everything in this physics profile; {PHYSICS_HELP} [default: faithful]."),
+    ] = None,
     seed: Annotated[int, Parameter(help="Seed of the games and of all draws.")] = 0,
     num_envs: Annotated[int, Parameter(help="Games in parallel at most; a seed's games depend on it.")] = 128,
     threads: Annotated[int, Parameter(help="Physics threads; 0: all CPUs. Never changes results.")] = 0,
@@ -61,8 +66,11 @@ def fidelity(
 
     plugins = discover(plugin or [])
     variants = [_assignments(text) for text in variant or ()]
-    request = PlanRequest(episodes, switch_episodes, switches, variants, seed, num_envs)
-    plan = plan_rows(_games(plugins, game), request, missing_policy(plugins))
+    request = PlanRequest(episodes, switch_episodes, switches, variants, seed, num_envs, physics)
+    games = _games(plugins, game)
+    if game and physics is not None:
+        _check_profiles(games)
+    plan = plan_rows(games, request, missing_policy(plugins))
     file = None if out is None else FidelityFile(out)
     with make_progress(quiet=quiet) as progress:
         rows = play_rows(plan.rows, plugins=plugins, threads=threads, progress=progress, file=file)
@@ -84,6 +92,15 @@ def _games(plugins: PluginRegistry, names: list[str] | None) -> list[GameSpec]:
     if names:
         return [game_spec(name, plugins) for name in dict.fromkeys(names)]
     return list(plugins.games.values())
+
+
+def _check_profiles(games: list[GameSpec]) -> None:
+    """Games named by the user must have profiles; others would just be skipped."""
+    from apil_core.errors import ConfigError
+    from apil_core.fidelity_plan import no_profiles
+
+    for reason in filter(None, map(no_profiles, games)):
+        raise ConfigError(reason)
 
 
 def _assignments(text: str) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from apil_core.cli.guard import INTERRUPTED, complain
+from apil_core.distributed.world import World
 
 if TYPE_CHECKING:
     from apil_core.progress import Progress
@@ -53,12 +54,11 @@ def _souvenirs(result: RunResult, progress: Progress, *, silent: bool) -> dict[s
     return made.model_dump(mode="json")
 
 
-def exit_code(result: RunResult) -> int:
-    """0, or 130 with a word on how to go on after Ctrl-C."""
+def exit_code(result: RunResult, world: World) -> int:
+    """0, or 130 after Ctrl-C, with a word of the first process on how to go on."""
     if result.status == "finished":
         return 0
-    print(
-        f"apil: interrupted at {result.steps} steps; continue with: apil resume {result.run_dir}",
-        file=sys.stderr,
-    )
+    if world.is_main:
+        how = f"continue with: {world.command} resume {result.run_dir}"
+        print(f"apil: interrupted at {result.steps} steps; {how}", file=sys.stderr)
     return INTERRUPTED

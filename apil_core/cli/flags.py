@@ -10,6 +10,7 @@ from cyclopts import Group, Parameter
 
 from apil_core.config import RunConfig
 from apil_core.config_layers import preset_names
+from apil_core.profiles import Profile
 
 if TYPE_CHECKING:
     from apil_core.config_layers import Layer
@@ -20,6 +21,8 @@ _SETTINGS = Group("What to train", sort_key=0)
 _SOURCES = Group("Where settings come from (defaults < presets < file < flags < --set)", sort_key=1)
 
 _REST = Group("Output", sort_key=3)
+
+PHYSICS_HELP = "faithful: the game as it was made, fast: cheaper and nearly the same game"
 
 Json = Annotated[
     bool,
@@ -78,6 +81,12 @@ class ConfigFlags:
     num_envs: Annotated[int | None, setting("num_envs")] = None
     threads: Annotated[int | None, setting("threads")] = None
     seed: Annotated[int | None, setting("seed")] = None
+    physics: Annotated[
+        Profile | None,
+        Parameter(
+            group=_SETTINGS, show_default=False, help=f"Physics profile; {PHYSICS_HELP} [default: faithful]."
+        ),
+    ] = None
     device: Annotated[str | None, setting("device")] = None
     init_from: Annotated[Path | None, setting("init_from")] = None
     preset: Annotated[
@@ -99,6 +108,7 @@ class ConfigFlags:
 
         keys = ("method", "env", "victim", "steps", "num_envs", "threads", "seed", "device")
         flags: dict[str, Any] = {key: getattr(self, key) for key in keys}
+        flags["game.physics"] = self.physics
         if self.init_from is not None:
             flags["init_from"] = str(self.init_from.absolute())
         if self.plugin:  # besides what files name, not instead of it
@@ -147,6 +157,10 @@ class PairingFlags:
         str | None,
         Parameter(help="Whom it plays, named likewise [default: the run's victim, else the game's]."),
     ] = None
+    physics: Annotated[
+        Profile | None,
+        Parameter(help=f"Physics profile; {PHYSICS_HELP} [default: the run's, else faithful]."),
+    ] = None
     adversary_actions: _Actions = None
     victim_actions: _Actions = None
     sets: Annotated[
@@ -171,6 +185,7 @@ class PairingFlags:
             "adversary_actions": self.adversary_actions,
             "victim_actions": self.victim_actions,
             "sets": self.sets,
+            "physics": self.physics,
             "checkpoint_path": self.checkpoint,
             "plugin_files": [str(path) for path in self.plugin],
             "trust": True,  # whoever names a policy on the command line wants its code to run

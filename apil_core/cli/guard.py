@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
+import time
 import traceback
 from typing import TYPE_CHECKING
 
-from apil_core.errors import ApilError
+from apil_core.distributed.world import World
+from apil_core.errors import ApilError, ConfigError
 
 if TYPE_CHECKING:
     from cyclopts import CycloptsError
@@ -16,6 +18,8 @@ if TYPE_CHECKING:
 USAGE_ERROR = 2
 INTERNAL_ERROR = 1
 INTERRUPTED = 130
+_COURTESY = 3.0
+"""How long other processes give the first one to speak, s."""
 
 
 def guarded(arguments: list[str]) -> int:
@@ -45,9 +49,26 @@ def guarded(arguments: list[str]) -> int:
 
 def complain(message: str, code: int) -> int:
     """Print ``apil: message`` on stderr, each of several mistakes on its own line."""
+    who = _in_turn()
     for line in message.splitlines() or ["unknown error"]:
-        print(f"apil: {line}", file=sys.stderr)
+        print(f"apil: {who}{line}", file=sys.stderr)
     return code
+
+
+def _in_turn() -> str:
+    """Which process of several speaks, and not before the first one had time to.
+
+    Most mistakes strike all alike; torchrun ends the others as soon as one has failed, so that what
+    the first one says stands there once.
+    """
+    try:
+        rank = World.here().rank
+    except ConfigError:
+        return ""
+    if rank == 0:
+        return ""
+    time.sleep(_COURTESY)
+    return f"rank {rank}: "
 
 
 def _report(error: Exception) -> int:

@@ -109,6 +109,9 @@ def _print_games(result: PlayResult) -> None:
         seat, policy = getattr(result, f"{role}_side"), getattr(result, role)
         actions = {"sample": "sampled", "mode": "mode"}[getattr(result, f"{role}_actions")]
         out.print(f"{role:<10} {seat}, {policy.name}, actions {actions}", markup=False)
+    if result.options_played:
+        played = ", ".join(f"{key} {value}" for key, value in result.options_played.items())
+        out.print(f"game       {played}", markup=False)
     rows = table("game>", "winner", "ending", "steps>", "time>", "adversary's return>", "victim's return>")
     winners = {"win": "adversary", "tie": "tie", "loss": "victim"}
     for game in result.games:

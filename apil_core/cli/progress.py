@@ -7,6 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
+from apil_core.distributed.world import World
 from apil_core.progress import Progress
 
 if TYPE_CHECKING:
@@ -32,6 +33,8 @@ class ConsoleProgress(Progress):
         """What runs, and where."""
         resumed = f", continued at {steps_done:,} steps" if steps_done else ""
         batch = f"{config.num_envs} games × {config.ppo.num_steps} steps"
+        processes = World.here().size
+        batch = batch if processes == 1 else f"{processes} processes × {batch}"
         what = f"{config.method} against {victim} in {config.env}, seed {config.seed}"
         return f"{what}, {batch}{resumed} → {run_dir}"
 

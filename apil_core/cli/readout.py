@@ -6,7 +6,10 @@ from collections import Counter, deque
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from apil_core.profiles import FAITHFUL
+
 if TYPE_CHECKING:
+    from apil_core.circumstances import Circumstances
     from apil_core.evaluation import EvaluationResult, Rate
 
 _ENDINGS_KEPT = 50
@@ -90,9 +93,19 @@ class Endings:
 def score_line(result: EvaluationResult, steps: int) -> str:
     """One evaluation in one line."""
     return (
-        f"evaluation after {steps:,} steps, {result.episodes} games: win {percent(result.win_rate)}, "
-        f"tie {percent(result.tie_rate)}, loss {percent(result.loss_rate)}"
+        f"evaluation after {steps:,} steps, {result.episodes} games{physics(result)}: "
+        f"win {percent(result.win_rate)}, tie {percent(result.tie_rate)}, loss {percent(result.loss_rate)}"
     )
+
+
+def game_name(env: str, physics: str | None) -> str:
+    """``sumo-ants, fast``; the game's name alone where its physics is faithful, or has no profiles."""
+    return env if physics in (None, FAITHFUL) else f"{env}, {physics}"
+
+
+def physics(result: Circumstances) -> str:
+    """``, physics fast``; empty where the game was played as it was made, or has no profiles."""
+    return "" if result.physics in (None, FAITHFUL) else f", physics {result.physics}"
 
 
 def duration(seconds: float) -> str:

@@ -12,6 +12,7 @@ from apil_core.cli.finish import exit_code, finish
 from apil_core.cli.flags import Json, Quiet, Show, count
 from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
+from apil_core.distributed.world import World
 from apil_core.errors import RunDirError
 
 
@@ -36,7 +37,8 @@ def resume(
 
     from apil_core import runner
 
-    with make_progress(quiet=quiet) as progress:
+    here = World.here()
+    with make_progress(quiet=quiet or not here.is_main) as progress:
         result = runner.resume(
             directory,
             steps=steps,
@@ -45,7 +47,7 @@ def resume(
             progress=progress,
             command=["apil", *sys.argv[1:]],
         )
-        document = finish(result, progress, show=show, as_json=as_json)
-    if as_json:
+        document = finish(result, progress, show=show, as_json=as_json) if here.is_main else {}
+    if as_json and here.is_main:
         print_json(document)
-    return exit_code(result)
+    return exit_code(result, here)

@@ -12,6 +12,7 @@ from apil_core.cli.finish import exit_code, finish
 from apil_core.cli.flags import ConfigFlags, Json, Quiet, Show
 from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
+from apil_core.distributed.world import World
 from apil_core.errors import RunDirError
 
 if TYPE_CHECKING:
@@ -61,23 +62,28 @@ def run(
     """
     config, plugins = (flags or ConfigFlags()).resolve()
     jobs = _jobs(config, seeds, out)
-    for _, directory in jobs:
-        _refuse_existing(directory)
+    here = World.here()
+    if here.is_main:
+        for _, directory in jobs:
+            _refuse_existing(directory)
 
     from apil_core import runner
+    from apil_core.distributed.join import joined
 
     documents: list[dict[str, Any]] = []
-    for seeded, directory in jobs:
-        with make_progress(quiet=quiet) as progress:
-            result = runner.run(
-                seeded, out=directory, progress=progress, command=["apil", *sys.argv[1:]], plugins=plugins
-            )
-            documents.append(finish(result, progress, show=show, as_json=as_json))
-        if result.status == "interrupted":
-            break
-    if as_json:
+    with joined(config.device):  # once for all seeds
+        for seeded, directory in jobs:
+            with make_progress(quiet=quiet or not here.is_main) as progress:
+                result = runner.run(
+                    seeded, out=directory, progress=progress, command=["apil", *sys.argv[1:]], plugins=plugins
+                )
+                if here.is_main:
+                    documents.append(finish(result, progress, show=show, as_json=as_json))
+            if result.status == "interrupted":
+                break
+    if as_json and here.is_main:
         print_json(documents if seeds else documents[0])
-    return exit_code(result)
+    return exit_code(result, here)
 
 
 def _jobs(

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from apil_core.cli.app import sub_app
 from apil_core.cli.flags import Json
 from apil_core.cli.output import console, print_json, table
-from apil_core.cli.readout import percent
+from apil_core.cli.readout import game_name, percent
 from apil_core.errors import ConfigError, RunDirError
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def list_(
     for entry in found:
         win, win_or_tie = (_share(entry["evaluation"], key) for key in ("win_rate", "win_or_tie_rate"))
         numbers = (str(entry["seed"]), f"{entry['steps']:,}")
-        names = (entry[key] for key in ("path", "method", "env", "victim"))
+        names = (entry["path"], entry["method"], game_name(entry["env"], entry["physics"]), entry["victim"])
         rows.add_row(*names, *numbers, entry["status"], win, win_or_tie)
     console().print(rows if found else f"no runs below {root}")
 
@@ -69,15 +69,17 @@ def compare(
 
 def _entry(run: RunDir) -> dict[str, Any]:
     """One row of the listing; a run that cannot be read is listed with its error, not fatal."""
+    from apil_core.game_options import stored_physics
+
     try:
         config, summary = run.config(), run.summary()
     except (ConfigError, RunDirError) as error:
         return {
-            "path": str(run.path), "method": "?", "env": "?", "victim": "?", "seed": 0, "steps": 0,
-            "status": str(error).splitlines()[0], "evaluation": None,
+            "path": str(run.path), "method": "?", "env": "?", "physics": None, "victim": "?",
+            "seed": 0, "steps": 0, "status": str(error).splitlines()[0], "evaluation": None,
         }  # fmt: skip
-    names = {"method": config.method, "env": config.env, "victim": run.victim()}
-    return {**names, "seed": config.seed, **summary}
+    names = {"method": config.method, "env": config.env, "physics": stored_physics(config)}
+    return {**names, "victim": run.victim(), "seed": config.seed, **summary}
 
 
 def _share(evaluation: dict[str, Any] | None, key: str) -> str:
@@ -93,7 +95,7 @@ def _print(result: Comparison) -> None:
         rows.add_row(
             row.run,
             row.method,
-            row.env,
+            game_name(row.env, row.physics),
             row.victim,
             str(row.seed),
             f"{row.steps:,}",

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import shlex
 from typing import TYPE_CHECKING
 
 from apil_core.cli.output import console, table
+from apil_core.cli.readout import physics
+from apil_core.profiles import FAITHFUL
 
 if TYPE_CHECKING:
     from apil_core.evaluation import EvaluationResult
@@ -16,6 +19,7 @@ def print_score(result: EvaluationResult) -> None:
     """Win, tie and loss with 95 % intervals, endings, and everything the numbers depend on."""
     out = console()
     title = f"{result.adversary.name} against {result.victim.name} in {result.env}, {result.episodes} games"
+    title += physics(result)
     out.print(title, style="bold", markup=False)
     rows = table("adversary's", "games>", "share>", "95 % interval>")
     for name, count, rate in (
@@ -46,10 +50,19 @@ def _facts(result: EvaluationResult) -> list[str]:
     if result.blind is not None:
         imitator = ", its methods too" if result.blind_imitator else ""
         facts.append(f"blinded    the adversary does not see its opponent ({result.blind}){imitator}")
-    if result.game_options:
-        options = ", ".join(f"{key} {value}" for key, value in result.game_options.items())
-        facts.append(f"game       {options}")
+    if played := result.options_played:
+        facts.append(f"game       {', '.join(f'{key} {value}' for key, value in played.items())}")
+    if (hint := true_rules_hint(result)) is not None:
+        facts.append(hint)
     return facts
+
+
+def true_rules_hint(result: EvaluationResult) -> str | None:
+    """How to score a trained adversary in the game as it was made, where this score is of other physics."""
+    name = result.adversary.name
+    if not name.startswith("run:") or result.physics in (None, FAITHFUL):
+        return None
+    return f"hint       under the game's true physics: apil eval {shlex.quote(name)} --physics faithful"
 
 
 def _short(digest: str) -> str:

@@ -17,6 +17,7 @@ from apil_core.distillation.options import DistillConfig
 from apil_core.distillation.trainer import Course
 from apil_core.errors import ConfigError, VictimError
 from apil_core.game import Game, SideLayout
+from apil_core.game_options import game_model, overlaid
 from apil_core.plugins import PluginRegistry
 from apil_core.policy import Policy
 from apil_core.registry import make_game
@@ -113,7 +114,7 @@ def prepare(config: DistillConfig, plugins: PluginRegistry) -> Setting:
 
 
 def _game(config: DistillConfig, plugins: PluginRegistry, changed: Mapping[str, Any]) -> Game:
-    options = {**config.game, **changed}
+    options = overlaid(game_model(config.env, plugins), config.game, changed)
     return make_game(
         config.env, num_envs=config.num_envs, threads=config.threads, options=options, plugins=plugins
     )

@@ -17,6 +17,7 @@ from apil_envs.physics import Physics
 from apil_envs.render import Studio
 from apil_envs.robot import Robot
 from apil_envs.scene import TOUCH, Scene, build_scene
+from apil_envs.stopwatch import BatchStopwatch
 
 GOES_ON = -1
 """Value of :attr:`Verdict.cause` while a game goes on."""
@@ -76,7 +77,7 @@ class MujocoGame(Game):
         self.options = options or self.options_model()
         self.num_envs = num_envs
         model = build_scene(self.scene, self.options, self.touch)
-        self.physics = Physics(model, num_envs, threads, self.options.substeps)
+        self.physics = Physics(model, num_envs, threads, self.options.resolved)
         self.seconds_per_step = self.physics.seconds_per_step
         self._studio = Studio(self.physics)
         self.robots = (Robot(self.physics, 0), Robot(self.physics, 1))
@@ -144,6 +145,11 @@ class MujocoGame(Game):
     # --- the contract of apil_core.Game
 
     @property
+    def settings(self) -> dict[str, Any]:
+        """See :class:`apil_core.Game`."""
+        return self.options.settings
+
+    @property
     def observations(self) -> tuple[Array, Array]:
         """See :class:`apil_core.Game`."""
         return self.observers[0].current, self.observers[1].current
@@ -203,6 +209,7 @@ class MujocoGame(Game):
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """See :class:`apil_core.Game`."""
         self.physics.state[...] = state["physics"]
+        self.physics.show()
         self.clock[...] = state["clock"]
         self._over[...] = state["over"]
         self._centre_before[...] = state["centre_before"]
@@ -221,6 +228,10 @@ class MujocoGame(Game):
         from apil_envs.window import ViewerWindow
 
         return ViewerWindow(self.physics, row, colours)
+
+    def physics_stopwatch(self) -> BatchStopwatch:
+        """See :class:`apil_core.Game`."""
+        return self.physics.stopwatch()
 
     def close(self) -> None:
         """See :class:`apil_core.Game`."""

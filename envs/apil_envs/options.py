@@ -2,31 +2,71 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from apil_core import Section
+from apil_core import ProfiledOptions
 
 InertiaRule = Literal["legacy", "modern"]
 """How a capsule is weighed; see :mod:`apil_envs.inertia`."""
 
+Solver = Literal["PGS", "Newton"]
+Integrator = Literal["RK4", "Euler", "implicitfast", "leapfrog"]
+"""MuJoCo's own, and :mod:`apil_envs.leapfrog`."""
 
-class PhysicsOptions(Section):
+
+@dataclass(frozen=True)
+class PhysicsProfile:
+    """What decides the cost of a control step. Released numbers never change under a profile's name.
+
+    Attributes:
+        solver: of the constraints.
+        integrator: of time.
+        timestep: of one physics substep, s.
+        substeps: of one control step.
+        refresh: recompute what depends on position and velocity after the last substep; otherwise it stays
+            as that substep left it, one stage behind the state, as the original games read it.
+    """
+
+    solver: Solver
+    integrator: Integrator
+    timestep: float
+    substeps: int
+    refresh: bool
+
+
+_FAITHFUL = PhysicsProfile("PGS", "RK4", 0.003, 5, refresh=False)
+_FAST_HUMANOIDS = PhysicsProfile("Newton", "leapfrog", 0.003, 5, refresh=False)
+_FAST_ANTS = PhysicsProfile("Newton", "leapfrog", 0.003, 5, refresh=False)
+
+
+class PhysicsOptions(ProfiledOptions):
     """How the physics is computed; the defaults are the physics the pretrained agents know."""
+
+    profiles: ClassVar[Mapping[str, PhysicsProfile]] = {"faithful": _FAITHFUL, "fast": _FAST_HUMANOIDS}
 
     inertia: InertiaRule = "legacy"
     """Capsules weighed as in MuJoCo 1.31 (legacy) or as today (modern)."""
-    solver: Literal["PGS", "Newton"] = "PGS"
-    """Constraint solver."""
-    integrator: Literal["RK4", "Euler", "implicitfast"] = "RK4"
-    """Time integrator; Euler with Newton is about four times as fast."""
-    timestep: Annotated[float, Field(gt=0)] = 0.003
-    """Seconds of one physics substep."""
-    substeps: Annotated[int, Field(gt=0)] = 5
-    """Physics substeps of one control step."""
+    solver: Solver | None = None
+    """Constraint solver; null: as the profile says."""
+    integrator: Integrator | None = None
+    """Time integrator; null: as the profile says."""
+    timestep: Annotated[float, Field(gt=0)] | None = None
+    """Seconds of one physics substep; null: as the profile says."""
+    substeps: Annotated[int, Field(gt=0)] | None = None
+    """Physics substeps of one control step; null: as the profile says."""
+    refresh: bool | None = None
+    """Recompute derived quantities after the last substep; null: as the profile says."""
     max_steps: Annotated[int, Field(gt=0)] = 500
     """Control steps after which a game's time is up."""
+
+    @property
+    def resolved(self) -> PhysicsProfile:
+        """The profile with the values that these options state themselves in place of its own."""
+        return PhysicsProfile(**self.profile_values())
 
 
 class KickAndDefendOptions(PhysicsOptions):
@@ -38,12 +78,18 @@ class YouShallNotPassOptions(PhysicsOptions):
 
 
 class SumoOptions(PhysicsOptions):
-    """Options of sumo-humans and sumo-ants."""
+    """Options of sumo-humans, and of sumo-ants but for the profiles."""
 
     auto_contact: bool = False
     """Count the two as having touched from the start; off: who loses before any touch gives a tie."""
     untouched_reward: float = 0.0
     """Sparse reward of a side whose opponent lost before any touch; APL's code trains ants with -1000."""
+
+
+class SumoAntsOptions(SumoOptions):
+    """Options of sumo-ants."""
+
+    profiles: ClassVar[Mapping[str, PhysicsProfile]] = {"faithful": _FAITHFUL, "fast": _FAST_ANTS}
 
 
 class RunToGoalHumansOptions(PhysicsOptions):
@@ -53,5 +99,7 @@ class RunToGoalHumansOptions(PhysicsOptions):
 class RunToGoalAntsOptions(PhysicsOptions):
     """Options of run-to-goal-ants."""
 
-    timestep: Annotated[float, Field(gt=0)] = 0.01
-    """Seconds of one physics substep."""
+    profiles: ClassVar[Mapping[str, PhysicsProfile]] = {
+        "faithful": replace(_FAITHFUL, timestep=0.01),
+        "fast": replace(_FAST_ANTS, timestep=0.01),
+    }

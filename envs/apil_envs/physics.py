@@ -7,6 +7,9 @@ import numpy as np
 from mujoco.batch import Batch
 
 from apil_envs.arrays import ALL, Array, Rows
+from apil_envs.leapfrog import Shift
+from apil_envs.options import PhysicsProfile
+from apil_envs.stopwatch import BatchStopwatch
 
 _BAD = [
     int(kind)
@@ -21,21 +24,32 @@ _BAD = [
 class Physics:
     """``num_envs`` simulations stepped by a thread pool, bit-identical at any thread count.
 
-    Derived fields (everything but qpos, qvel and ctrl) are as the last substep left them, one stage
-    behind the state, just as the original games read them: nothing here runs a forward pass after a step.
+    Derived fields (everything but qpos, qvel and ctrl) are as the last substep left them, just as the
+    original games read them: nothing here runs a forward pass after a step, unless the profile refreshes
+    what depends on position and velocity.
 
-    Attributes:
+    Args:
         model: the compiled scene.
         num_envs: number of simulations.
-        qpos, qvel, ctrl: live state, (num_envs, nq | nv | nu), float64.
+        threads: of the pool (0: all CPUs).
+        profile: that the scene was compiled for.
+
+    Attributes:
+        model: as given.
+        num_envs: number of simulations.
+        qpos, qvel, ctrl: live state, (num_envs, nq | nv | nu), float64. Under leapfrog qpos is a copy, moved
+            back by half a substep; what is written to it reaches the simulation in :meth:`forward`.
     """
 
-    def __init__(self, model: mujoco.MjModel, num_envs: int, threads: int, substeps: int):
+    def __init__(self, model: mujoco.MjModel, num_envs: int, threads: int, profile: PhysicsProfile):
         self.model = model
         self.num_envs = num_envs
         self._batch = Batch(model, num_envs, threads)
-        self._substeps = substeps
-        self.qpos = self._batch.bind("qpos")
+        self._substeps = profile.substeps
+        self._stage = int(mujoco.mjtStage.mjSTAGE_VEL if profile.refresh else mujoco.mjtStage.mjSTAGE_NONE)
+        self._shift = Shift(model) if profile.integrator == "leapfrog" else None
+        self._simulated = self._batch.bind("qpos")
+        self.qpos = self._simulated if self._shift is None else self._simulated.copy()
         self.qvel = self._batch.bind("qvel")
         self.ctrl = self._batch.bind("ctrl")
         joints = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
@@ -74,7 +88,8 @@ class Physics:
             default pose; the caller ends their games.
         """
         before = self._batch.warning[:, _BAD, 1].sum(1)
-        self._batch.step(active, nstep=self._substeps)
+        self._batch.step(active, nstep=self._substeps, stage=self._stage)
+        self.show()
         diverged = self._batch.warning[:, _BAD, 1].sum(1) > before
         # MuJoCo looks at the state when the next substep begins, too late for the last one
         broken = ~np.isfinite(self._batch.state.sum(1))
@@ -83,9 +98,25 @@ class Physics:
             self.forward(broken)
         return diverged | broken
 
+    def stopwatch(self) -> BatchStopwatch:
+        """Times what :meth:`step` asks of MuJoCo, alone: it listens to the batch."""
+        return BatchStopwatch(self._batch)
+
     def clear(self, mask: Array | None = None) -> None:
         """Put simulations into the model's default state without computing anything."""
         self._batch.reset(mask, stage=mujoco.mjtStage.mjSTAGE_NONE)
+        if self._shift is not None:
+            rows: Rows = ALL if mask is None else np.flatnonzero(mask)
+            self.qpos[rows] = self._simulated[rows]
+
+    def show(self) -> None:
+        """Bring :attr:`qpos` up to date with the simulations, after :attr:`state` was written to."""
+        if self._shift is not None:
+            self._shift(self._simulated, self.qpos, self.qvel, ALL, -self._half_step)
+
+    @property
+    def _half_step(self) -> float:
+        return 0.5 * float(self.model.opt.timestep)
 
     def forward(self, mask: Array | None = None) -> None:
         """Normalise the quaternions of the root poses and compute all derived fields."""
@@ -93,12 +124,14 @@ class Physics:
         for part in self._quaternions:
             quaternion = self.qpos[rows, part]
             self.qpos[rows, part] = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+        if self._shift is not None:
+            self._shift(self.qpos, self._simulated, self.qvel, rows, self._half_step)
         self._batch.forward(mask)
 
     @property
     def state(self) -> Array:
         """Live integration state, (num_envs, k), float64; assigning to its rows restores bit for bit.
 
-        After that derived fields are stale until the next step, forward or reset.
+        After that call :meth:`show`; derived fields are stale until the next step, forward or reset.
         """
         return self._batch.state

@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 
 from apil_envs.bodies import add_body, add_geom, add_robot, description
+from apil_envs.leapfrog import tune
 from apil_envs.looks import dress
 from apil_envs.options import PhysicsOptions
 
@@ -35,6 +36,7 @@ _INTEGRATORS = {
     "RK4": mujoco.mjtIntegrator.mjINT_RK4,
     "Euler": mujoco.mjtIntegrator.mjINT_EULER,
     "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+    "leapfrog": mujoco.mjtIntegrator.mjINT_EULER,
 }
 
 
@@ -81,14 +83,18 @@ def build_scene(
         add_robot(spec, scene.body, f"agent{side}/", dict(pose), options.inertia, _COLOURS[side])
     _keep_larger_margin(spec, balls, description()[scene.body]["defaults"]["geom"]["margin"])
     _add_sensors(spec, touch)
-    return spec.compile()
+    model = spec.compile()
+    if options.resolved.integrator == "leapfrog":
+        tune(model)
+    return model
 
 
 def _set_options(spec: mujoco.MjSpec, options: PhysicsOptions) -> None:
+    profile = options.resolved
     spec.compiler.degree = True
-    spec.option.timestep = options.timestep
-    spec.option.solver = _SOLVERS[options.solver]
-    spec.option.integrator = _INTEGRATORS[options.integrator]
+    spec.option.timestep = profile.timestep
+    spec.option.solver = _SOLVERS[profile.solver]
+    spec.option.integrator = _INTEGRATORS[profile.integrator]
     spec.option.iterations = _ITERATIONS
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 VERBS = (
     *("run", "resume", "eval", "play", "fidelity", "runs"),
     *("distill", "export", "config", "victims", "methods", "games", "plugins"),
-    *("doctor", "completion"),
+    *("bench", "doctor", "completion"),
 )
 
 COIN = Path(__file__).with_name("coin_game.py")

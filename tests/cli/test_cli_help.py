@@ -38,6 +38,7 @@ print([name for name in ("torch", "mujoco", "statsmodels", "tensordict") if name
         ["play", "--help"],
         ["export", "--help"],
         ["victims", "check", "--help"],
+        ["bench", "speed", "--help"],
         ["config", "diff", "paper", "apil-code"],
         ["config", "show", "--method", "e_apil", "--env", "coin", "--plugin", str(COIN)],
         ["config", "schema"],
@@ -82,7 +83,10 @@ def test_run_help_shows_every_flag_with_the_codes_defaults(apil: Apil) -> None:
 
 @pytest.mark.parametrize(
     "verb",
-    ["resume", "eval", "play", "fidelity", "runs", "runs compare", "victims import", "config diff", "doctor"],
+    [
+        *("resume", "eval", "play", "fidelity", "runs", "runs compare", "victims import", "config diff"),
+        *("doctor", "bench", "bench speed"),
+    ],
 )
 def test_every_verb_has_help(apil: Apil, verb: str) -> None:
     done = apil(*verb.split(), "--help")

@@ -30,7 +30,7 @@ def roll(learner, example, reward=None):
     for t in range(learner.config.num_steps):
         action = learner.act(example)
         value = torch.randn(8) if reward is None else reward(action)
-        learner.record(example, value, torch.full((8,), t % 2 == 1))
+        learner.record(value, torch.full((8,), t % 2 == 1))
 
 
 def test_settings_that_differ_from_rsl_rls_defaults():
@@ -48,7 +48,8 @@ def test_our_distribution_is_rsl_rls():
     learner, example = small_learner()
     actions = learner.act(example)
     ours = learner.actor(example)
-    torch.testing.assert_close(ours.log_prob(actions), learner.ppo.transition.actions_log_prob)
+    learner.actor.model(example, stochastic_output=True)
+    torch.testing.assert_close(ours.log_prob(actions), learner.actor.model.get_output_log_prob(actions))
     torch.testing.assert_close(ours.entropy(), learner.actor.model.output_entropy)
     torch.testing.assert_close(ours.mean, learner.actor.model(example))
     assert learner.actor.hidden(example).shape == (8, 64)

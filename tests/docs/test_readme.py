@@ -36,7 +36,7 @@ TINY = (
     *("--set", "ppo.num_steps=16", "--set", "evaluation.episodes=4"),
 )
 
-GROUPS = (("runs",), ("config",), ("victims",))
+GROUPS = (("runs",), ("config",), ("victims",), ("bench",))
 
 METHOD = """\
 from apil_core import Method, MethodSpec, hookimpl
@@ -179,6 +179,7 @@ def test_flags_named_alone_belong_to_some_verb(apil: Apil, page: Path) -> None:
         "distill",
         "export",
         "victims check",
+        "bench speed",
     )
     text = apil("--help").out + "".join(apil(*verb.split(), "--help").out for verb in verbs)
     for span in spans(page):

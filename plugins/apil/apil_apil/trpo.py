@@ -51,11 +51,11 @@ def trpo_step(
         ``kl`` and ``improvement`` of the accepted step (0 if none), and ``accepted`` (0 or 1).
     """
     parameters = list(policy.parameters())
-    with torch.no_grad():
-        old = policy(observations)
-        old = DiagonalGaussian(old.mean.clone(), old.std.clone())
-        before = float(surrogate(old))
-    gradient = _flat(torch.autograd.grad(surrogate(policy(observations)), parameters))
+    new = policy(observations)
+    old = DiagonalGaussian(new.mean.detach(), new.std.detach())
+    objective = surrogate(new)
+    before = float(objective.detach())
+    gradient = _flat(torch.autograd.grad(objective, parameters))
     product = _fisher_product(policy, parameters, observations[fisher_rows], region.damping)
     direction = conjugate_gradient(product, gradient, region.cg_steps)
     curvature = float(direction @ product(direction))

@@ -1,0 +1,94 @@
+"""Becoming one of torchrun's processes, and what is said when another one is gone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from pathlib import Path
+from types import TracebackType
+
+import torch
+
+from apil_core.distributed.world import World
+from apil_core.errors import ApilError, ConfigError
+
+TIMEOUT = timedelta(minutes=30)
+"""How long a process waits for another that is alive but says nothing, e.g. while the first one evaluates."""
+
+
+class ContactLostError(ApilError):
+    """Another process of the run is gone."""
+
+
+@contextmanager
+def joined(device: str) -> Iterator[World]:
+    """The world of this process, connected until the end of the block; within another such block, that one's.
+
+    Tensors on the CPU travel by gloo, those on a GPU by NCCL.
+
+    Args:
+        device: of the networks.
+
+    Raises:
+        ConfigError: torchrun's variables are incomplete.
+        ContactLostError: in the block, another process ended.
+    """
+    world = World.here()
+    if world.size == 1:
+        yield world
+        return
+    from torch import distributed
+
+    if distributed.is_initialized():
+        yield world
+        return
+    with in_contact():
+        _connect(world, device)
+        yield world
+    # not after an error: the others would be waited for
+    distributed.destroy_process_group()
+
+
+def _connect(world: World, device: str) -> None:
+    from torch import distributed
+
+    gpu = world.device(device)
+    backend = "gloo"
+    if gpu.startswith("cuda"):
+        torch.cuda.set_device(gpu)
+        backend = "cpu:gloo,cuda:nccl"
+    try:
+        distributed.init_process_group(backend, timeout=TIMEOUT)
+    except ValueError as error:  # a variable is missing
+        raise ConfigError(f"{error}; start with torchrun") from error
+
+
+@contextmanager
+def in_contact() -> Iterator[None]:
+    """Turn what torch raises when another process is gone into one line.
+
+    Raises:
+        ContactLostError: an exchange with the others failed.
+    """
+    try:
+        yield
+    except ApilError:
+        raise
+    except Exception as error:
+        if not _in_exchange(error.__traceback__):
+            raise
+        raise ContactLostError(
+            "stopped, because another process of this run ended or was silent for "
+            f"{TIMEOUT.total_seconds() / 60:.0f} minutes; its own message or torchrun's says why"
+        ) from error
+
+
+def _in_exchange(traceback: TracebackType | None) -> bool:
+    """Whether the error arose in torch's own code for exchanges."""
+    home = Path(torch.__file__).parent / "distributed"
+    innermost = ""
+    while traceback is not None:
+        innermost = traceback.tb_frame.f_code.co_filename
+        traceback = traceback.tb_next
+    return Path(innermost).is_relative_to(home)

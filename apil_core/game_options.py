@@ -1,0 +1,133 @@
+"""The section ``game`` of a configuration: its model, and what naming a physics profile does to it.
+
+A profile hides the single values (``solver``, ``timestep``, …) stated on lower layers: whoever names one
+wants those physics, whatever a file or a run said before. Values on the profile's own layer or above it
+stay; flags and ``--set`` count as one layer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pydantic import BaseModel, ValidationError, create_model
+
+from apil_core.config import RunConfig, Section
+from apil_core.config_errors import Problem, problems_of, raise_problems
+from apil_core.config_layers import Key, Layer, flag_layer, merge, set_layer
+from apil_core.config_models import NoOptions, options_model
+from apil_core.errors import ApilError
+from apil_core.plugins import PluginRegistry
+from apil_core.profiles import ProfiledOptions
+from apil_core.registry import default_plugins
+
+PHYSICS = "physics"
+"""The option that names a profile."""
+
+
+def game_model(env: str, plugins: PluginRegistry) -> type[BaseModel]:
+    """The model of a game's options.
+
+    Raises:
+        ApilError: there is no such game, or its model cannot be loaded.
+    """
+    reference = plugins.game(env).config
+    return options_model(reference) if reference else NoOptions
+
+
+def profile_keys(model: type[BaseModel]) -> tuple[str, ...]:
+    """The options that a profile gives values to; none for a game without profiles."""
+    return model.profile_keys() if issubclass(model, ProfiledOptions) else ()
+
+
+def settled(layers: Sequence[Layer], model: type[BaseModel]) -> list[Layer]:
+    """The layers without the single values that a profile named above them hides."""
+    keys = profile_keys(model)
+    levels = [len(layers) if layer.command_line else place for place, layer in enumerate(layers)]
+    named = [level for layer, level in zip(layers, levels, strict=True) if PHYSICS in layer.section("game")]
+    highest = max(named, default=-1) if keys else -1
+    return [
+        layer.without("game", keys) if level < highest else layer
+        for layer, level in zip(layers, levels, strict=True)
+    ]
+
+
+def overlaid(
+    model: type[BaseModel], options: Mapping[str, Any], changed: Mapping[str, Any]
+) -> dict[str, Any]:
+    """``options`` with ``changed`` over them; a profile in ``changed`` hides single values of the former."""
+    layers = settled([Layer({"game": dict(options)}), Layer({"game": dict(changed)})], model)
+    game: dict[str, Any] = merge({}, layers)[0]["game"]
+    return game
+
+
+def profile_problems(data: Mapping[str, Any], model: type[BaseModel], env: str) -> list[Problem]:
+    """A profile for a game that has none."""
+    game = data.get("game")
+    if PHYSICS in model.model_fields or not isinstance(game, Mapping) or PHYSICS not in game:
+        return []
+    return [Problem(("game", PHYSICS), f"game {env} has no physics profiles")]
+
+
+def with_game_options(
+    config: RunConfig,
+    plugins: PluginRegistry,
+    options: Mapping[str, Any] | None = None,
+    sets: Sequence[str] = (),
+    physics: str | None = None,
+) -> RunConfig:
+    """A copy of ``config`` with single options of its game changed, and all of them spelt out.
+
+    Nothing but the section ``game`` is looked at: the rest of a stored config stays as it was.
+
+    Args:
+        config: names the game.
+        plugins: know the game's model.
+        options: values by option.
+        sets: ``game.KEY=VALUE`` texts; they have the last word.
+        physics: profile to play in, whatever single values ``config`` states; as ``--physics``.
+
+    Raises:
+        ConfigError: one line per mistake.
+    """
+    own = game_model(config.env, plugins)
+    model = create_model("Settings", __base__=Section, game=(own, ...))
+    origins: dict[Key, str] = {("game", key): "game_options" for key in options or {}}
+    given = Layer({"game": dict(options or {})}, origins, command_line=True)
+    asked = [flag_layer({f"game.{PHYSICS}": physics}), given, *map(set_layer, sets)]
+    data, written = merge({"game": {}}, settled([Layer({"game": config.game}), *asked], own))
+    problems = profile_problems(data, own, config.env)
+    raise_problems(problems, written)
+    try:
+        checked = model.model_validate(data)
+    except ValidationError as error:
+        raise_problems(problems_of(error, model), written)
+        raise
+    return config.model_copy(update=checked.model_dump(mode="json"), deep=True)
+
+
+def spelt_out(env: str, options: Mapping[str, Any], plugins: PluginRegistry) -> dict[str, Any]:
+    """What a game's options come to: defaults and the profile's values filled in.
+
+    Two sets of options that mean the same, one stored before there were profiles, say, give the same.
+
+    Raises:
+        ApilError: no such game, or options its model refuses.
+    """
+    config = with_game_options(RunConfig(env=env), plugins, options)
+    model = game_model(env, plugins).model_validate(config.game)
+    return {**config.game, **(model.settings if isinstance(model, ProfiledOptions) else {})}
+
+
+def stored_game(config: RunConfig) -> dict[str, Any]:
+    """:func:`spelt_out` for a stored run; as it was stored where only a one-file plugin knows its game."""
+    try:
+        return spelt_out(config.env, config.game, default_plugins())
+    except ApilError:
+        return config.game
+
+
+def stored_physics(config: RunConfig) -> str | None:
+    """The physics profile of a stored run, or ``"custom"``; ``None`` for a game without profiles."""
+    name = stored_game(config).get(PHYSICS)
+    return name if isinstance(name, str) else None

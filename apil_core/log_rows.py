@@ -1,0 +1,131 @@
+"""Rows of a run's log: one per iteration or, in runs of very many iterations, one for every k of them.
+
+What a row says stays true at any k: curves, listings and TensorBoard read merged rows like single ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from typing import Any, Protocol
+
+from apil_core.config import RunConfig
+
+Row = dict[str, float]
+
+_SUMMED = {"games", "row_steps"}
+_LAST = {"iteration", "steps", "total_steps", "wall_seconds", "memory_mb"}
+_LAST_PREFIXES = ("window_", "evaluation/")
+_PER_GAME = ("return/", "episode_length")
+
+
+class Recorder(Protocol):
+    """What ``register_recorders`` offers."""
+
+    def record(self, metrics: Mapping[str, float]) -> None:
+        """Take in one row."""
+
+    def close(self) -> None:
+        """Nothing follows."""
+
+
+def iterations_per_row(config: RunConfig) -> int:
+    """The least k at which the planned iterations make no more than ``config.log_rows`` rows."""
+    planned = math.ceil(config.steps / (config.num_envs * config.ppo.num_steps))
+    return math.ceil(planned / config.log_rows)
+
+
+class RowLog:
+    """Gathers iterations into rows and hands these to the recorders.
+
+    A row ends with every k-th iteration, counted from the run's first, and with every evaluation, so that a
+    score stands at its own steps. Rows therefore depend on the course of the run alone, not on when it was
+    stopped: :attr:`pending` goes into the checkpoint, and the row that an end leaves short is written again,
+    whole, by a run that goes on (see :func:`iterations_in_rows`).
+
+    Args:
+        recorders: who gets the rows.
+        every: k, at least 1. At 1 rows are the iterations' metrics, untouched.
+        pending: metrics of iterations that are in no row yet, from a checkpoint.
+
+    Attributes:
+        pending: as the argument, by now; each with its number of environment steps as ``row_steps``.
+    """
+
+    def __init__(self, recorders: Sequence[Recorder], every: int, pending: Iterable[Row] = ()):
+        self.recorders = recorders
+        self.every = every
+        self.pending = list(pending)
+        self._failed = False
+
+    def record(self, metrics: Mapping[str, float], steps: int) -> None:
+        """Take in one iteration and its number of environment steps; it stays pending if a recorder fails."""
+        self.pending.append({**metrics, "row_steps": steps})
+        evaluated = any(name.startswith("evaluation/") for name in metrics)
+        if evaluated or int(metrics["iteration"]) % self.every == 0:
+            self._write()
+
+    def close(self) -> None:
+        """Write what is pending, and close the recorders whatever is raised."""
+        with ExitStack() as stack:
+            for recorder in self.recorders:
+                stack.callback(recorder.close)
+            if self.pending and not self._failed:
+                self._write()
+
+    def _write(self) -> None:
+        row = merged(self.pending)
+        self._failed = True  # some recorders may have the row by then: it is not for them to get twice
+        for recorder in self.recorders:
+            recorder.record(row)
+        self._failed = False
+        self.pending = []
+
+
+def iterations_in_rows(state: Mapping[str, Any]) -> int:
+    """The last iteration whose row was complete when a checkpoint's ``state`` was taken."""
+    return int(state["iteration"]) - len(state.get("pending_rows", ()))
+
+
+def merged(rows: Sequence[Row]) -> Row:
+    """One row for consecutive iterations.
+
+    Numbers of games and of endings are summed. What is a total or a state (steps, seconds, memory,
+    ``window_*``, ``*_total``, evaluations) is the last one's. All else is a mean over the iterations that
+    have it as a finite number: of returns and lengths weighted by games, of ``steps_per_second`` by seconds,
+    of the rest by steps. Merged rows tell over how many ``row_iterations`` and ``row_steps`` they reach; a
+    single one comes back as it was, without ``row_steps``.
+
+    Args:
+        rows: metrics in order, at least one, each with its ``row_steps``.
+    """
+    if len(rows) == 1:
+        return {name: value for name, value in rows[0].items() if name != "row_steps"}
+    names = dict.fromkeys(name for row in rows for name in row)  # in order of appearance
+    return {name: _value(name, [row for row in rows if name in row]) for name in names} | {
+        "row_iterations": len(rows)
+    }
+
+
+def _value(name: str, rows: Sequence[Row]) -> float:
+    if name in _SUMMED or name.startswith("cause/"):
+        return sum(row[name] for row in rows)
+    if name in _LAST or name.endswith("_total") or name.startswith(_LAST_PREFIXES):
+        return rows[-1][name]
+    return _mean([(row[name], _weight(name, row)) for row in rows])
+
+
+def _weight(name: str, row: Row) -> float:
+    if name.startswith(_PER_GAME):
+        return row["games"]
+    if name == "steps_per_second":
+        return row["collect_seconds"] + row["update_seconds"]
+    return row["row_steps"]
+
+
+def _mean(values: Sequence[tuple[float, float]]) -> float:
+    """Of (value, weight) with a finite value; NaN if there is none."""
+    finite = [(value, weight) for value, weight in values if math.isfinite(value)]
+    total = sum(weight for _, weight in finite)
+    return sum(value * weight for value, weight in finite) / total if total > 0 else math.nan

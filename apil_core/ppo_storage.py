@@ -1,0 +1,91 @@
+"""One rollout as PPO's update reads it: rsl_rl's storage and model, without their copies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import torch
+from rsl_rl.models import MLPModel
+from rsl_rl.storage import RolloutStorage
+from tensordict import TensorDict
+from torch import Tensor
+
+LATENT = "latent"
+"""Name under which the storage keeps all observation groups side by side."""
+
+
+class LatentModel(MLPModel):
+    """rsl_rl's MLP, which takes its groups side by side if they come that way.
+
+    rsl_rl joins the groups in every forward pass; a rollout is joined once, when it is stored.
+    """
+
+    def get_latent(self, obs: TensorDict, masks: None = None, hidden_state: None = None) -> Tensor:
+        """The network's input, (..., k)."""
+        if LATENT in obs.keys():  # noqa: SIM118  (a TensorDict refuses `in`)
+            return obs[LATENT]
+        return torch.cat([obs[group] for group in self.obs_groups], dim=-1)
+
+
+class PPOStorage(RolloutStorage):
+    """The transitions of one rollout, T steps of n games, written in place.
+
+    Args:
+        example: normalised observation groups of all games, batch (n,).
+        num_steps: T.
+        action_size: a.
+        device: of the tensors.
+    """
+
+    def __init__(self, example: TensorDict, num_steps: int, action_size: int, device: torch.device):
+        joined = torch.cat(_groups(example), dim=-1)
+        observations = TensorDict({LATENT: joined}, batch_size=example.batch_size, device=device)
+        super().__init__("rl", len(joined), num_steps, observations, [action_size], device=str(device))
+        self.means = torch.zeros_like(self.actions)
+        self._latents: Tensor = self.observations[LATENT]
+
+    def next_latent(self, observations: TensorDict) -> Tensor:
+        """Store the groups of the step that begins; returns them side by side, (n, k)."""
+        latent = self._latents[self.step]
+        torch.cat(_groups(observations), dim=-1, out=latent)
+        return latent
+
+    def keep_action(self, mean: Tensor, action: Tensor) -> None:
+        """Store the mean of the action's distribution and what was drawn from it, both (n, a)."""
+        self.means[self.step].copy_(mean)
+        self.actions[self.step].copy_(action)
+
+    def keep_outcome(self, reward: Tensor, done: Tensor) -> None:
+        """Store reward (n,) and end flags (n,) and go on to the next step."""
+        self.rewards[self.step, :, 0].copy_(reward)
+        self.dones[self.step, :, 0].copy_(done)
+        self.step += 1
+
+    def keep_log_prob(self, std: Tensor) -> None:
+        """Log density of all stored actions, their distributions having had this ``std`` (a,)."""
+        log_prob = torch.distributions.Normal(self.means, std).log_prob(self.actions)
+        self.actions_log_prob.copy_(log_prob.sum(-1, keepdim=True))
+
+    def mini_batch_generator(
+        self, num_mini_batches: int, num_epochs: int = 8
+    ) -> Iterator[RolloutStorage.Batch]:
+        """The batches of rsl_rl's generator, which shuffles once for all epochs: gathered once, too."""
+        size = self.num_envs * self.num_transitions_per_env // num_mini_batches
+        order = torch.randperm(num_mini_batches * size, device=self.device)
+        columns = {
+            "observations": self.observations,
+            "actions": self.actions,
+            "values": self.values,
+            "advantages": self.advantages,
+            "returns": self.returns,
+            "old_actions_log_prob": self.actions_log_prob,
+        }
+        shuffled = {name: column.flatten(0, 1)[order] for name, column in columns.items()}
+        for _ in range(num_epochs):
+            for start in range(0, len(order), size):
+                part = slice(start, start + size)
+                yield RolloutStorage.Batch(**{name: column[part] for name, column in shuffled.items()})
+
+
+def _groups(observations: TensorDict) -> list[Tensor]:
+    return [observations[name] for name in observations.keys()]  # noqa: SIM118  (iterating goes over games)
