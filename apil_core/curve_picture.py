@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from matplotlib import style
 from matplotlib.axes import Axes
@@ -15,6 +14,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from apil_core import colours
+from apil_core.chart_style import GREY, STYLE
 from apil_core.curve_captions import explanation, legend, title
 from apil_core.curve_groups import CurveGroup
 from apil_core.curves import IMITATOR, RETURN, WIN, WIN_OR_TIE, Curve, Line
@@ -36,20 +36,6 @@ _SHARES = (WIN, WIN_OR_TIE)
 _MARKERS = "osD^vP*"
 _PANEL = (5.2, 3.0)  # inches
 _LETTERS = 130  # of the legend's font that fit side by side
-_GREY = "#60666f"
-_STYLE: dict[str, Any] = {
-    "text.parse_math": False,  # a dollar in a path is a dollar
-    "svg.fonttype": "none",
-    "font.size": 9.5,
-    "axes.titlesize": 10,
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": _GREY,
-    "axes.grid": True,
-    "grid.color": "#e4e6ea",
-    "legend.frameon": False,
-}
 
 
 @dataclass(frozen=True)
@@ -82,7 +68,7 @@ def draw_curves(groups: Sequence[CurveGroup], path: Path) -> None:
         ApilError: the file cannot be written, or not in that format.
     """
     check_picture(path)
-    with style.context(["default", _STYLE]):
+    with style.context(["default", STYLE]):
         figure = _figure(groups)
         kind = path.suffix[1:].lower()
         write_atomically(path, lambda file: figure.savefig(file, format=kind, dpi=150))
@@ -102,7 +88,7 @@ def _figure(groups: Sequence[CurveGroup]) -> Figure:
     axes[0].set_xlim(left=0)
     _same_scale(axes[: len(_SHARES)])
     _head(figure, axes[0], groups)
-    figure.supxlabel(explanation(groups), x=0.01, ha="left", fontsize=8, color=_GREY)
+    figure.supxlabel(explanation(groups), x=0.01, ha="left", fontsize=8, color=GREY)
     return figure
 
 
@@ -148,7 +134,7 @@ def _panel(axis: Axes, name: str, groups: Sequence[CurveGroup], pens: Sequence[_
     if name in _SHARES:
         _scores(axis, name, groups, pens)
     if name == IMITATOR:
-        axis.axhline(1.0, color=_GREY, linewidth=1.2, linestyle=":", zorder=1)
+        axis.axhline(1.0, color=GREY, linewidth=1.2, linestyle=":", zorder=1)
     axis.set_title(_TITLES.get(name, name))
     axis.set_xlabel("environment steps")
     axis.xaxis.set_major_formatter(EngFormatter(sep=""))

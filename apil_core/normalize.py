@@ -5,6 +5,8 @@ Statistics are float64 (a run adds tens of millions of samples), results float32
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor, nn
 
@@ -36,6 +38,9 @@ class RunningMoments(nn.Module):
         count = rows.shape[0]
         if count == 0:
             return
+        if self.mean.numel() == 1:
+            self._update_column(rows[:, 0].double())
+            return
         mean, var = _moments(rows)
         before = float(self.count)
         total = before + count
@@ -49,6 +54,24 @@ class RunningMoments(nn.Module):
             self.mean.add_(delta * share)
         self.count.fill_(total)
 
+    def _update_column(self, values: Tensor) -> None:
+        """:meth:`update` in plain numbers, with the same result bit for bit.
+
+        Every step has several of these, and a tensor of one element costs as much as a long one.
+        """
+        count = len(values)
+        mean = float(values.sum()) / count
+        var = float((values - mean).square_().sum()) / count
+        before = float(self.count)
+        total = before + count
+        if before:
+            share, old = count / total, float(self.mean)
+            delta = mean - old
+            var = float(self.var) * (1 - share) + (share * var + delta * delta * (share * (1 - share)))
+            mean = old + delta * share
+        for buffer, value in ((self.mean, mean), (self.var, var), (self.count, total)):
+            buffer.fill_(value)
+
 
 def _moments(rows: Tensor) -> tuple[Tensor, Tensor]:
     """Mean and variance of ``rows`` (m, k), each (k,), float64.
@@ -56,10 +79,14 @@ def _moments(rows: Tensor) -> tuple[Tensor, Tensor]:
     In parts that stay in the processor's cache: a rollout in double precision does not.
     """
     count = rows.shape[0]
+    if count <= _PART:
+        doubled = rows.to(torch.float64, copy=True)
+        mean = doubled.sum(0) / count
+        return mean, doubled.sub_(mean).square_().sum(0) / count
     parts = rows.split(_PART)
-    mean = sum(part.double().sum(0) for part in parts) / count
-    squares = sum((part.double() - mean).square_().sum(0) for part in parts)
-    return mean, squares / count
+    mean = torch.stack([part.double().sum(0) for part in parts]).sum(0) / count
+    squares = [part.to(torch.float64, copy=True).sub_(mean).square_().sum(0) for part in parts]
+    return mean, torch.stack(squares).sum(0) / count
 
 
 class ObservationNormalizer(nn.Module):
@@ -89,7 +116,7 @@ class ObservationNormalizer(nn.Module):
 
     def forward(self, observations: Tensor) -> Tensor:
         """Normalise, shape (..., size) → (..., size)."""
-        return ((observations - self.shift) * self.scale).clamp_(-self.clip, self.clip)
+        return (observations - self.shift).mul_(self.scale).clamp_(-self.clip, self.clip)
 
 
 class ReturnNormalizer(nn.Module):
@@ -123,5 +150,5 @@ class ReturnNormalizer(nn.Module):
     def forward(self, reward: Tensor) -> Tensor:
         """Normalise with the present statistics, shape unchanged."""
         # The very first rewards may all be zero: without spread there is nothing to divide by.
-        scale = (self.moments.var + _EPSILON).rsqrt().to(reward.dtype)
+        scale = 1 / math.sqrt(float(self.moments.var) + _EPSILON)
         return (reward * scale).clamp_(-self.clip, self.clip)

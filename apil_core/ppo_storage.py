@@ -22,7 +22,8 @@ class LatentModel(MLPModel):
 
     def get_latent(self, obs: TensorDict, masks: None = None, hidden_state: None = None) -> Tensor:
         """The network's input, (..., k)."""
-        if LATENT in obs.keys():  # noqa: SIM118  (a TensorDict refuses `in`)
+        # a method may call a group of its own "latent": what is joined has no first group
+        if self.obs_groups[0] not in obs.keys():  # noqa: SIM118  (a TensorDict refuses `in`)
             return obs[LATENT]
         return torch.cat([obs[group] for group in self.obs_groups], dim=-1)
 

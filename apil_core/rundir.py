@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -199,6 +199,13 @@ class RunDir:
         """
         score = self.summary()["evaluation"] or {}
         return str(score.get("victim", {}).get("name") or self.config().victim)
+
+    def processes(self) -> int:
+        """How many train it together; 1 if nothing tells."""
+        with suppress(RunDirError):  # only a note: a damaged one keeps nobody from reading the run
+            sessions = self._read_json(self.environment_path) or [{}]
+            return int(sessions[-1].get("processes", 1))
+        return 1
 
     def summary(self) -> dict[str, Any]:
         """Name, status and progress for listings; never raises for a half-written run."""

@@ -18,7 +18,8 @@ _FREE: Any = {
 def seed_groups(runs: Sequence[RunDir]) -> list[list[int]]:
     """Places of runs in ``runs``, those together that differ in the seed only; in the order given.
 
-    Two runs of one attack with one seed go into two groups: they are copies, not evidence.
+    The number of processes is part of the attack: each adds its games to the batch. Two runs of one
+    attack with one seed go into two groups: they are copies, not evidence.
 
     Raises:
         ApilError: one of them is no run directory.
@@ -28,7 +29,7 @@ def seed_groups(runs: Sequence[RunDir]) -> list[list[int]]:
     for place, run in enumerate(runs):
         config = run.config()
         played = config.model_copy(update={"game": stored_game(config)})
-        attack = played.model_dump_json(exclude=_FREE)
+        attack = f"{run.processes()} {played.model_dump_json(exclude=_FREE)}"
         copy = copies.get((attack, config.seed), 0)
         copies[attack, config.seed] = copy + 1
         groups.setdefault((attack, copy), []).append(place)

@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 
 from apil_core.colours import LINES
 from apil_core.difference import Difference
+from apil_core.errors import ApilError
 from apil_core.evaluation import wilson
 from apil_core.fidelity_file import read_rows
 from apil_envs.options import PhysicsProfile
@@ -31,7 +32,7 @@ RATES = ("win", "win+tie", "tie")
 
 
 def name(env: str, setting: PhysicsProfile) -> str:
-    """``fast: Newton, Euler, 5 × 0.003 s, refreshed``."""
+    """``fast: Newton, leapfrog, 5 × 0.003 s``."""
     known = [each for each in ("faithful", "fast") if profile(env, each) == setting]
     parts = [setting.solver, setting.integrator, f"{setting.substeps} × {setting.timestep:g} s"]
     parts += ["refreshed"] if setting.refresh else []
@@ -142,8 +143,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--page", type=Path, default=HERE / "fidelity.md")
     parser.add_argument("--picture", type=Path, default=HERE / "images" / "physics-frontier.png")
     given = parser.parse_args(arguments)
-    known = read_rows(HERE / "results" / "fidelity.jsonl")
-    found = points(read_rows(given.rows), known, read_speeds(given.speeds))
+    try:
+        known = read_rows(HERE / "results" / "fidelity.jsonl")
+        found = points(read_rows(given.rows), known, read_speeds(given.speeds))
+    except ApilError as error:
+        raise SystemExit(f"make_frontier.py: {error}") from error
     draw(found, given.picture)
     write_section(given.page, text(found))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -124,7 +125,7 @@ def speed(
     request = SpeedRequest(**given, victim=victim, batch=batch, seconds=seconds, trust=True)
     cells = make_plan(request, plugins)
     _check_out(out, force)
-    with make_speed_progress(cells, quiet=quiet) as watch:
+    with closing(make_speed_progress(cells, quiet=quiet)) as watch:
         report = measure(
             cells,
             plugins,

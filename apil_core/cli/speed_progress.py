@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from apil_core.cli.output import console
 from apil_core.cli.readout import duration
@@ -19,15 +18,7 @@ if TYPE_CHECKING:
 
 
 class QuietWatch(SpeedWatch):
-    """Says nothing, and tidies up when its ``with`` block ends."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+    """Says nothing, and tidies up when it is closed."""
 
     def close(self) -> None:
         """Leave the terminal as it was."""

@@ -13,24 +13,11 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import EngFormatter, NullLocator
 
 from apil_core import colours
+from apil_core.chart_style import GREY, STYLE
 from apil_core.files import write_atomically
 from apil_core.game import Colour
 from apil_core.speed.report import CAPTIONS, Level, SpeedReport, SpeedRow, Spread
 
-_GREY = "#60666f"
-_STYLE: dict[str, Any] = {
-    "text.parse_math": False,
-    "font.size": 9.5,
-    "axes.titlesize": 10,
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": _GREY,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#e4e6ea",
-    "legend.frameon": False,
-}
 _PANEL = (5.4, 3.1)  # inches
 _BAR = 0.3  # inches
 _DASHES = ("-", "--", ":", "-.")
@@ -54,7 +41,7 @@ def draw_speed(report: SpeedReport, path: Path) -> None:
     Raises:
         RunDirError: the file cannot be written.
     """
-    with style.context(["default", _STYLE]):
+    with style.context(["default", STYLE, {"axes.axisbelow": True}]):
         figure = _figure(report)
         write_atomically(path, lambda file: figure.savefig(file, format="png", dpi=150))
 
@@ -75,7 +62,7 @@ def _figure(report: SpeedReport) -> Figure:
         base = "the physics' rate" if rows[0].ratio_to == "physics" else "the bare game's rate"
         pair[1].set_title(f"{name}: share of {base}")
     _head(figure, axes, wide)
-    figure.supxlabel(_explanation(report), x=0.01, ha="left", fontsize=8, color=_GREY)
+    figure.supxlabel(_explanation(report), x=0.01, ha="left", fontsize=8, color=GREY)
     return figure
 
 
@@ -129,7 +116,7 @@ def _lines(axis: Axes, rows: Sequence[SpeedRow], what: str) -> None:
         lows, highs = [s.low for s in spreads], [s.high for s in spreads]
         axis.fill_between(games, lows, highs, color=colour, alpha=0.12, linewidth=0)
     for number, dashes in zip(threads, _DASHES, strict=False) if len(threads) > 1 else ():
-        axis.plot([], [], color=_GREY, linestyle=dashes, label=_threads(number))
+        axis.plot([], [], color=GREY, linestyle=dashes, label=_threads(number))
     ticks = sorted({row.num_envs for row in rows})
     axis.set_xscale("log", base=2)
     axis.set_xticks(ticks, [str(tick) for tick in ticks])

@@ -72,7 +72,7 @@ class Filter(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Standardised ``x``, same shape, not clipped."""
-        return (x - self.mean) * self.scale
+        return (x - self.mean).mul_(self.scale)
 
 
 def make_network(weights: Weights, net: str) -> Network:

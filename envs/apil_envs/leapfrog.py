@@ -17,6 +17,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from apil_core import ConfigError
 from apil_envs.arrays import Array, Rows
 
 _CONSTRAINTS = ("geom", "jnt", "pair")
@@ -50,11 +51,15 @@ def matched(reference: Array, largest: Array, step: float) -> Array:
         step: h, s.
 
     Raises:
-        ValueError: a spring is given by other numbers, or is not critically damped.
+        ConfigError: a spring is given by other numbers, or is not critically damped.
     """
     constant, ratio = reference.T
-    if not ((constant > 0) & (ratio == 1)).all():
-        raise ValueError(f"leapfrog needs critically damped solref, got {reference.tolist()}")
+    odd = ~((constant > 0) & (ratio == 1))
+    if odd.any():
+        first = reference[odd][0].tolist()
+        raise ConfigError(
+            f"integrator leapfrog needs critically damped contacts, solref [time, 1], got {first}"
+        )
     decay = np.exp(-step / (largest * constant))
     damping, root = (1 - decay**2) / step, (1 - decay) / step
     slower = 2 / (largest * damping)

@@ -89,13 +89,13 @@ class Physics:
         """
         before = self._batch.warning[:, _BAD, 1].sum(1)
         self._batch.step(active, nstep=self._substeps, stage=self._stage)
-        self.show()
         diverged = self._batch.warning[:, _BAD, 1].sum(1) > before
         # MuJoCo looks at the state when the next substep begins, too late for the last one
         broken = ~np.isfinite(self._batch.state.sum(1))
         if broken.any():
             self.clear(broken)
             self.forward(broken)
+        self.show()
         return diverged | broken
 
     def stopwatch(self) -> BatchStopwatch:

@@ -70,7 +70,7 @@ _GAMES = [
         fallback_victim="embedded:sumo-ants/fighter/v1",
         baseline_adversary="zoo:sumo-ants/fighter/v2",
         rewards=RewardWeights(dense_weight=1.0, anneal_fraction=0.1),
-        config="apil_envs.options:SumoAntsOptions",
+        config="apil_envs.options:SumoOptions",
         matchups=(
             Matchup("zoo:sumo-ants/fighter/v2", "zoo:sumo-ants/fighter/v1", _published(39, 56)),
             Matchup(

@@ -11,7 +11,7 @@ from apil_envs import moves
 from apil_envs.arrays import Array, Rows
 from apil_envs.game_base import DIVERGED, GOES_ON, MujocoGame, Verdict
 from apil_envs.observe import Block, computed, copied, distance_to, relative
-from apil_envs.options import SumoAntsOptions, SumoOptions
+from apil_envs.options import SumoOptions
 from apil_envs.robot import Robot
 from apil_envs.senses import ant_blocks, duel_blocks, humanoid_blocks
 
@@ -175,7 +175,6 @@ class SumoAnts(Sumo):
     """Two ants; see docs/games.md for rules and observation order."""
 
     scene = "sumo-ants"
-    options_model = SumoAntsOptions
     ring = (2.5, 4.5)
     fallen = 0.3
     standing = 0.28

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -88,7 +89,7 @@ def test_the_bar_says_what_goes_on() -> None:
     request = SpeedRequest(envs=["toy-pursuit"], methods=["adrl"], num_envs=[4], batch=64, seconds=0.01)
     cells = make_plan(request, plugins)
     screen = Console(file=io.StringIO(), force_terminal=True, width=150, color_system=None)
-    with BarWatch(cells, screen) as watch:
+    with closing(BarWatch(cells, screen)) as watch:
         measure(cells, plugins, command=[], watch=watch, keep=lambda report: watch._bars.refresh())
     text = screen.file.getvalue()  # type: ignore[attr-defined]
     assert "measuring 1 setting: toy-pursuit, 4 games" in text

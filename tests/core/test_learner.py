@@ -13,6 +13,7 @@ from tensordict import TensorDict
 from apil_core.build import build
 from apil_core.game_env import AttackEnv
 from apil_core.learner import Actor, Learner
+from apil_core.ppo_storage import LATENT, PPOStorage
 from apil_core.registry import default_plugins
 from core.every_game import GAME_NAMES
 from core.small_runs import small_config
@@ -53,6 +54,49 @@ def test_our_distribution_is_rsl_rls():
     torch.testing.assert_close(ours.entropy(), learner.actor.model.output_entropy)
     torch.testing.assert_close(ours.mean, learner.actor.model(example))
     assert learner.actor.hidden(example).shape == (8, 64)
+
+
+def test_minibatches_are_rsl_rls_but_for_the_copying():
+    learner, example = small_learner()
+    roll(learner, example)
+    learner.advantages(example, {})
+    storage = learner.storage
+    storage.distribution_params = (storage.means, storage.means)
+    batches = []
+    for generator in (storage.mini_batch_generator, super(PPOStorage, storage).mini_batch_generator):
+        torch.manual_seed(1)
+        batches.append(list(generator(2, 3)))
+    ours, theirs = batches
+    assert len(ours) == len(theirs) == 6
+    for mine, other in zip(ours, theirs, strict=True):
+        for name in ("actions", "values", "advantages", "returns", "old_actions_log_prob"):
+            assert torch.equal(getattr(mine, name), getattr(other, name)), name
+        assert torch.equal(mine.observations[LATENT], other.observations[LATENT])
+
+
+def test_the_rollout_keeps_what_the_networks_said_in_each_step():
+    learner, example = small_learner()
+    seen, actions = [], []
+    for t in range(4):
+        observations = example.apply(lambda value, t=t: value + t)
+        seen.append(observations)
+        actions.append(learner.act(observations))
+        learner.record(torch.zeros(8), torch.zeros(8, dtype=torch.bool))
+    learner.advantages(example, {})
+    for t in range(4):
+        torch.testing.assert_close(learner.storage.values[t], learner.ppo.critic(seen[t]))
+        expected = learner.actor(seen[t]).log_prob(actions[t])
+        torch.testing.assert_close(learner.storage.actions_log_prob[t, :, 0], expected)
+
+
+def test_a_method_may_call_a_group_latent():
+    config = small_config(ppo={"num_steps": 4, "epochs": 1, "minibatches": 2}).ppo
+    example = TensorDict({"own": torch.randn(8, 3), LATENT: torch.randn(8, 2)}, batch_size=[8])
+    learner = Learner(Actor({"own": 3, LATENT: 2}, 2, config), example, config, torch.device("cpu"))
+    roll(learner, example)
+    advantages = learner.advantages(example, {})["reward"]
+    learner.update(advantages, as_given=False, learning_rate=1e-3)
+    assert learner.actor(example).mean.shape == (8, 2)
 
 
 def test_our_gae_is_rsl_rls():

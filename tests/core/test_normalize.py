@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from apil_core import ObservationNormalizer, ReturnNormalizer
+from apil_core.finite import all_finite
 from apil_core.normalize import RunningMoments
 
 
@@ -51,3 +53,36 @@ def test_normalised_rewards_are_clipped():
     for _ in range(1000):
         normalizer.update(torch.tensor([0.001]), torch.tensor([True]))
     assert normalizer(torch.tensor([1e9])).tolist() == [10.0]
+
+
+@pytest.mark.parametrize(
+    ("values", "finite"),
+    [
+        ([1.0, -2.0], True),
+        ([3e38, 3e38], True),
+        ([1.0, np.nan], False),
+        ([np.inf, -np.inf], False),
+        ([], True),
+    ],
+)
+def test_all_finite_is_not_fooled_by_a_sum_that_overflows(values, finite):
+    assert all_finite(torch.tensor(values)) is finite
+
+
+def test_a_column_and_a_long_rollout_are_counted_as_any_rows():
+    rows = torch.from_numpy(np.random.default_rng(0).normal(3, 2, (1300, 3))).float()
+    whole, columns = RunningMoments(3), [RunningMoments(1) for _ in range(3)]
+    for part in (rows[:7], rows[7:]):
+        whole.update(part)
+        for i, column in enumerate(columns):
+            column.update(part[:, i : i + 1])
+    np.testing.assert_allclose(whole.mean, rows.double().mean(0), rtol=1e-12)
+    np.testing.assert_allclose(whole.var, rows.double().var(0, correction=0), rtol=1e-12)
+    np.testing.assert_allclose([float(column.var) for column in columns], whole.var, rtol=1e-12)
+
+
+def test_updating_leaves_the_rows_alone():
+    rows = torch.arange(6.0, dtype=torch.float64).reshape(3, 2)
+    kept = rows.clone()
+    RunningMoments(2).update(rows)
+    assert torch.equal(rows, kept)

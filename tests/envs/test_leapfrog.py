@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from apil_core import make_game
+from apil_core import ConfigError, make_game
 from apil_envs.game_base import MujocoGame
 from apil_envs.leapfrog import Shift, matched, tune, turned
 
@@ -32,7 +32,7 @@ def test_a_tiny_step_leaves_contacts_as_they_are():
 
 @pytest.mark.parametrize("reference", [[0.02, 0.5], [-1000.0, -10.0]])
 def test_other_contacts_are_refused(reference):
-    with pytest.raises(ValueError, match="critically damped"):
+    with pytest.raises(ConfigError, match="critically damped"):
         matched(np.array([reference]), np.array([0.95]), 0.003)
 
 
