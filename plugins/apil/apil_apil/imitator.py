@@ -101,11 +101,9 @@ class Imitator(nn.Module):
         self, states: Tensor, actions: Tensor, advantages: Tensor, generator: torch.Generator
     ) -> dict[str, float]:
         config = self.config
-        with torch.no_grad():
-            old = self.policy(states).log_prob(actions)
 
-        def surrogate(new: DiagonalGaussian) -> Tensor:
-            gain = ((new.log_prob(actions) - old).exp() * advantages).mean()
+        def surrogate(new: DiagonalGaussian, old: DiagonalGaussian) -> Tensor:
+            gain = ((new.log_prob(actions) - old.log_prob(actions)).exp() * advantages).mean()
             return gain + config.entropy_coefficient * new.entropy().mean()
 
         region = TrustRegion(config.kl, config.cg_steps, config.damping, config.backtracks)
@@ -122,7 +120,7 @@ class Imitator(nn.Module):
             old = before.log_prob(actions)
         for _ in range(config.epochs):
             for rows in _permutation(len(states), generator).chunk(config.minibatches):
-                new = self.policy(states[rows])
+                new = self.policy(states.index_select(0, rows))
                 ratio = (new.log_prob(actions[rows]) - old[rows]).exp()
                 clipped = ratio.clamp(1 - config.clip, 1 + config.clip)
                 gain = torch.min(ratio * advantages[rows], clipped * advantages[rows]).mean()
@@ -135,7 +133,7 @@ class Imitator(nn.Module):
         losses = []
         for _ in range(self.config.value_epochs):
             for rows in _permutation(len(states), generator).chunk(self.config.minibatches):
-                loss = (self.critic(states[rows])[..., 0] - targets[rows]).square().mean()
+                loss = (self.critic(states.index_select(0, rows))[..., 0] - targets[rows]).square().mean()
                 self._descend(loss, self.critic, self.value_optimizer)
                 losses.append(loss.detach())
         return float(torch.stack(losses).mean())

@@ -104,12 +104,16 @@ class Apil(Method):
         played, played_states, actions = self._own(run, rollout, states, fresh)
         shared = played is rollout
         scored = victim_states if shared else self._scored(played_states, played)
-        old_logits = self._logits(scored, actions)
-        metrics.update(accuracy(self._logits(victim_states, victim_actions), old_logits))
+        if shared:
+            victim_logits, old_logits = self._logits(scored, victim_actions, actions)
+        else:
+            (victim_logits,) = self._logits(victim_states, victim_actions)
+            (old_logits,) = self._logits(scored, actions)
+        metrics.update(accuracy(victim_logits, old_logits))
         metrics["discriminator_loss"] = self._update_discriminator(
             run, (victim_states, victim_actions), (scored, actions), shared
         )
-        logits = old_logits if self.options.reward_time == "collected" else self._logits(scored, actions)
+        logits = old_logits if self.options.reward_time == "collected" else self._logits(scored, actions)[0]
         rewards = run.hook.imitation_reward(run=run, rollout=played, logits=logits)
         if rewards.shape != logits.shape:
             got, want = tuple(rewards.shape), tuple(logits.shape)
@@ -162,7 +166,7 @@ class Apil(Method):
         for _ in range(ppo.epochs):
             order = torch.randperm(len(flat[0]), generator=run.generator, device=run.device)
             for rows in order.chunk(ppo.minibatches):
-                states, actions = flat[0][rows], flat[1][rows]
+                states, actions = flat[0].index_select(0, rows), flat[1][rows]
                 if shared:
                     real, fake = self.discriminator.logits(states, actions, flat[3][rows])
                 else:
@@ -180,8 +184,8 @@ class Apil(Method):
         return self.imitator(states)
 
     @torch.no_grad()
-    def _logits(self, states: Tensor, actions: Tensor) -> Tensor:
-        return self.discriminator.logits(states, actions)[0]
+    def _logits(self, states: Tensor, *actions: Tensor) -> list[Tensor]:
+        return self.discriminator.logits(states, *actions)
 
     def state_dict(self) -> dict[str, Any]:
         """See :meth:`apil_core.Method.state_dict`."""

@@ -31,7 +31,7 @@ class TrustRegion:
 def trpo_step(
     policy: nn.Module,
     observations: Tensor,
-    surrogate: Callable[[DiagonalGaussian], Tensor],
+    surrogate: Callable[[DiagonalGaussian, DiagonalGaussian], Tensor],
     region: TrustRegion,
     fisher_rows: Tensor,
 ) -> dict[str, float]:
@@ -43,7 +43,7 @@ def trpo_step(
     Args:
         policy: maps observations (m, o) to a :class:`DiagonalGaussian`; changed in place.
         observations: (m, o).
-        surrogate: objective to raise, a scalar of the new distribution at ``observations``.
+        surrogate: objective to raise, a scalar of the new and the old distribution at ``observations``.
         region: see :class:`TrustRegion`.
         fisher_rows: indices of the rows the Fisher matrix is estimated on.
 
@@ -53,7 +53,7 @@ def trpo_step(
     parameters = list(policy.parameters())
     new = policy(observations)
     old = DiagonalGaussian(new.mean.detach(), new.std.detach())
-    objective = surrogate(new)
+    objective = surrogate(new, old)
     before = float(objective.detach())
     gradient = _flat(torch.autograd.grad(objective, parameters))
     product = _fisher_product(policy, parameters, observations[fisher_rows], region.damping)
@@ -68,7 +68,7 @@ def trpo_step(
         _set(parameters, start + step * 0.5**i)
         with torch.no_grad():
             new = policy(observations)
-            kl, gain = float(old.kl(new).mean()), float(surrogate(new)) - before
+            kl, gain = float(old.kl(new).mean()), float(surrogate(new, old)) - before
         if gain > 0 and kl <= region.kl:
             return {"kl": kl, "improvement": gain, "accepted": 1.0}
     _set(parameters, start)
