@@ -1,5 +1,5 @@
-"""PPO for every method, on rsl_rl's algorithm, models and storage. With ``ppo_storage`` the only
-file that imports rsl_rl.
+"""PPO for every method, on rsl_rl's algorithm, models and storage. Together with
+``ppo_storage`` the only place that imports rsl_rl.
 
 What rsl_rl does differently from the published PPO is set here (docs/methods.md §3, PPO):
 fixed schedule with the learning rate annealed from outside, clipped value loss, advantages
