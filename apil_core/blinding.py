@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, get_args
 
 import torch
 from torch import Tensor
 
+from apil_core.config import BlindMode as BlindMode
 from apil_core.errors import ConfigError, UnknownNameError
 from apil_core.seeds import stream_seed
 from apil_core.types import View
 
 if TYPE_CHECKING:
     from apil_core.pairing import Pairing
-
-BlindMode = Literal["zeros", "initial"]
 
 STARTS = 1024
 """Starting states behind a typical value, at least."""

@@ -11,6 +11,7 @@ SCHEMA_VERSION = 1
 """Raised when a config of this version could be misread by older code."""
 
 ActionMode = Literal["sample", "mode"]
+BlindMode = Literal["zeros", "initial"]
 
 
 class Section(BaseModel):

@@ -24,11 +24,16 @@ def dump_yaml(config: RunConfig, plugins: PluginRegistry | None = None) -> str:
     model: type[BaseModel] = type(config)
     if plugins is not None and config.method in plugins.methods and plugins.has_game(config.env):
         model = full_model(plugins, plugins.method_chain(config.method), config.env)
+    return commented_yaml(config.model_dump(mode="json"), model)
+
+
+def commented_yaml(data: dict[str, Any], model: type[BaseModel]) -> str:
+    """YAML of ``data``, each key under its description in ``model``."""
     yaml = YAML()
     yaml.width = 1000  # never fold a value
     yaml.representer.add_representer(type(None), _null)
     buffer = StringIO()
-    yaml.dump(_commented(config.model_dump(mode="json"), model, 0), buffer)
+    yaml.dump(_commented(data, model, 0), buffer)
     return buffer.getvalue()
 
 

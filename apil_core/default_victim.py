@@ -1,9 +1,9 @@
-"""What ``auto`` means: the game's own agent where its weights are on this machine, else the one shipped."""
+"""Who plays where nobody is named: the game's own agents if their weights are here, else those shipped."""
 
 from __future__ import annotations
 
 from apil_core.plugins import PluginRegistry
-from apil_core.specs import GameSpec, load
+from apil_core.specs import GameSpec, PolicyListing, load
 
 
 def default_victim(spec: GameSpec, plugins: PluginRegistry) -> str:
@@ -25,3 +25,25 @@ def is_here(name: str, plugins: PluginRegistry) -> bool:
         return True
     rows = {row.name: row.available for row in load(spec.lister)()}
     return rows.get(name, True)
+
+
+def default_baseline(spec: GameSpec, plugins: PluginRegistry) -> str:
+    """Name of the agent an adversary is compared with, or ``""`` where the game has none on this machine.
+
+    The game's own; else the one its matchups let stand in for it; else the shipped student of either.
+    """
+    own = spec.baseline_adversary
+    if own is None:
+        return ""
+    stand_ins = [pair.adversary for pair in spec.matchups if pair.stands_in_for == own]
+    students = [f"embedded:{name.partition(':')[2]}" for name in (own, *stand_ins)]
+    # a student's name is made up here, so it must be on a list, not merely on none
+    listed = {row.name for row in _listing("embedded", plugins)}
+    known = [name for name in (own, *stand_ins) if is_here(name, plugins)]
+    return next(iter([*known, *(name for name in students if name in listed)]), "")
+
+
+def _listing(scheme: str, plugins: PluginRegistry) -> list[PolicyListing]:
+    spec = plugins.policies.get(scheme)
+    rows: list[PolicyListing] = load(spec.lister)() if spec is not None and spec.lister else []
+    return rows

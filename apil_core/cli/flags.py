@@ -10,6 +10,7 @@ from cyclopts import Group, Parameter
 
 from apil_core.config import RunConfig
 from apil_core.config_layers import preset_names
+from apil_core.counts import whole_number
 from apil_core.profiles import Profile
 
 if TYPE_CHECKING:
@@ -50,12 +51,7 @@ Plugins = Annotated[
 
 def count(_: Any, tokens: Any) -> int:
     """A whole number, also written 300k, 35M, 1e6 or 1_000_000."""
-    text = tokens[0].value
-    factor = {"k": 10**3, "m": 10**6}.get(text[-1:].lower(), 1)
-    value = float(text[:-1] if factor > 1 else text) * factor
-    if value != int(value):
-        raise ValueError(f"{text!r} is not a whole number")
-    return int(value)
+    return whole_number(tokens[0].value)
 
 
 def setting(name: str, **options: Any) -> Parameter:

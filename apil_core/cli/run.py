@@ -12,6 +12,7 @@ from apil_core.cli.finish import exit_code, finish
 from apil_core.cli.flags import ConfigFlags, Json, Quiet, Show
 from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
+from apil_core.counts import number_list
 from apil_core.distributed.world import World
 from apil_core.errors import RunDirError
 
@@ -23,13 +24,7 @@ _OUTPUT = Group("How often, where to", sort_key=2)
 
 def seed_list(_: Any, tokens: Any) -> list[int]:
     """``0..4`` (both ends included), ``0,3,7``, or both."""
-    seeds: list[int] = []
-    for part in tokens[0].value.split(","):
-        first, dots, last = part.partition("..")
-        seeds += range(int(first), int(last) + 1) if dots else [int(first)]
-    if not seeds or len(set(seeds)) < len(seeds):
-        raise ValueError(f"{tokens[0].value!r} names no seed, or one twice")
-    return seeds
+    return number_list(tokens[0].value)
 
 
 def run(

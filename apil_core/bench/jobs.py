@@ -1,0 +1,223 @@
+"""What a benchmark has to do: its jobs, what each waits for, and whether it is done."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from apil_core.bench.cells import Benchmark, Cell
+from apil_core.bench.folder import BenchDir, read_score
+from apil_core.bench.matrix import ScoreConfig
+
+CELL, BASELINE, RETRAINING, CROSSPLAY, ACTIVATIONS, SNAPSHOTS = (
+    "cells",
+    "baseline",
+    "retrained",
+    "crossplay",
+    "activations",
+    "snapshots",
+)
+"""Kinds of jobs, which are also the folders their results are in."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One piece of work, done by one process.
+
+    Attributes:
+        kind: one of the kinds above.
+        subject: the cell's name, the game, or game and victim.
+        needs: names of jobs that must be done before.
+        after: names of jobs that must have ended before, done or failed: it makes do with what there is.
+        steps: environment steps of training in it.
+    """
+
+    kind: str
+    subject: str
+    needs: tuple[str, ...] = ()
+    after: tuple[str, ...] = ()
+    steps: int = 0
+
+    @property
+    def name(self) -> str:
+        """Unique in its benchmark."""
+        return f"{self.kind}/{self.subject}"
+
+
+def make_jobs(benchmark: Benchmark) -> list[Job]:
+    """All jobs in the order they should be started: trainings first, as they take longest."""
+    matrix = benchmark.matrix
+    cells = [Job(CELL, cell.name, steps=cell.steps) for cell in benchmark.cells]
+    retrainings = [
+        Job(RETRAINING, cell.name, needs=(f"{CELL}/{cell.name}",), steps=matrix.retraining.steps)
+        for cell in benchmark.cells
+        if matrix.retraining is not None
+        and matrix.has("retraining", cell.game)
+        and cell.method in (matrix.retraining.methods or matrix.methods)
+        and cell.game in benchmark.baselines
+    ]
+    jobs = [*cells, *retrainings]
+    if matrix.baseline:
+        jobs += [
+            Job(BASELINE, f"{game} {victim}")
+            for game in benchmark.baselines
+            for victim in matrix.victims[game]
+        ]
+    for game in matrix.games:
+        ends = tuple(f"{CELL}/{cell.name}" for cell in benchmark.cells_of(game))
+        if matrix.has("crossplay", game):
+            hardened = tuple(job.name for job in retrainings if job.needs[0] in ends)
+            jobs.append(Job(CROSSPLAY, game, after=(*ends, *hardened)))
+        if matrix.has("activations", game):
+            jobs.append(Job(ACTIVATIONS, game, after=ends))
+        if matrix.has("snapshots", game):
+            jobs += [Job(SNAPSHOTS, end.partition("/")[2], needs=(end,)) for end in ends]
+    return jobs
+
+
+class Ledger:
+    """Which jobs are done, read from what is on disk.
+
+    Args:
+        bench: the directory.
+        benchmark: what is in it.
+    """
+
+    def __init__(self, bench: BenchDir, benchmark: Benchmark):
+        self.bench = bench
+        self.benchmark = benchmark
+        self.cells = {cell.name: cell for cell in benchmark.cells}
+        self.command = ["apil", "bench", "run", str(bench.path)]
+
+    def is_done(self, job: Job) -> bool:
+        """Whether nothing of it is left to do.
+
+        Raises:
+            RunDirError: a file of its results is damaged.
+        """
+        return bool(getattr(self, f"_{job.kind}_done")(job.subject))
+
+    def trained(self, cell: Cell) -> bool:
+        """Whether a cell's training has its budget."""
+        result = self.bench.cell(cell.name).result() or {}
+        return result.get("status") == "finished" and int(result.get("steps", 0)) >= cell.steps
+
+    def missing_scores(self, cell: Cell) -> dict[str, ScoreConfig]:
+        """Scores of a trained cell that are still to be played."""
+        run = self.bench.cell(cell.name)
+        trained = int((run.result() or {}).get("steps", 0))
+        scores = self.benchmark.matrix.scores_of(cell.game)
+        return {
+            name: wanted
+            for name, wanted in scores.items()
+            if not matches(read_score(run.path, name), wanted, cell, trained)
+        }
+
+    def missing_baselines(self, game: str, victim: str) -> dict[str, ScoreConfig]:
+        """Scores of the game's baseline adversary that are still to be played."""
+        cell = next(c for c in self.benchmark.cells_of(game) if c.victim == victim)
+        folder = self.bench.baseline_dir(game, victim)
+        scores = self.benchmark.matrix.scores_of(game)
+        return {
+            name: wanted
+            for name, wanted in scores.items()
+            if not matches(read_score(folder, name), wanted, cell, None)
+        }
+
+    def adversaries(self, game: str) -> dict[str, str]:
+        """Label → name of all who can attack in a game by now: its baseline, and the trained cells."""
+        baseline = self.benchmark.baselines.get(game)
+        cells = [cell for cell in self.benchmark.cells_of(game) if self.trained(cell)]
+        names = labels(cells)
+        runs = {names[c.name]: f"run:{self.bench.cell(c.name).path.resolve()}" for c in cells}
+        return {**({"baseline": baseline} if baseline else {}), **runs}
+
+    def victims(self, game: str) -> dict[str, str]:
+        """Label → name of the game's victims by now: the original ones, and the retrained."""
+        own = self.benchmark.matrix.victims[game]
+        originals = {"original" if len(own) == 1 else f"original {name}": name for name in own}
+        names = labels(self.benchmark.cells_of(game))
+        hardened = {
+            f"vs {label}": f"retrained:{self.bench.retrained_dir(cell).resolve()}"
+            for cell, label in names.items()
+            if self._retrained_done(cell)
+        }
+        return {**originals, **hardened}
+
+    def _cells_done(self, name: str) -> bool:
+        cell = self.cells[name]
+        return self.trained(cell) and not self.missing_scores(cell)
+
+    def _baseline_done(self, subject: str) -> bool:
+        game, _, victim = subject.partition(" ")
+        return not self.missing_baselines(game, victim)
+
+    def _retrained_done(self, name: str) -> bool:
+        from apil_core.rundir import RunDir
+
+        result = RunDir(self.bench.retrained_dir(name)).result() or {}
+        stage = self.benchmark.matrix.retraining
+        budget = 0 if stage is None else stage.steps
+        return result.get("status") == "finished" and int(result.get("steps", 0)) >= budget
+
+    def _crossplay_done(self, game: str) -> bool:
+        from apil_core.bench.stages import read_crossplay
+
+        return covers(read_crossplay(self.bench, game), self.adversaries(game), self.victims(game))
+
+    def _activations_done(self, game: str) -> bool:
+        from apil_core.bench.stages import read_activations
+
+        found = read_activations(self.bench, game)
+        return found is not None and set(self.adversaries(game)) <= set(found.opponents)
+
+    def _snapshots_done(self, name: str) -> bool:
+        return self.bench.snapshot_path(name).is_file()
+
+
+def labels(cells: Sequence[Cell]) -> dict[str, str]:
+    """Name → short label of cells of one game: the method, with what else tells its cells apart."""
+    found = {}
+    for cell in cells:
+        alone = sum(other.method == cell.method for other in cells) == 1
+        found[cell.name] = cell.method if alone else f"{cell.method}/{cell.name.rpartition('/')[2]}"
+    return found
+
+
+def matches(result: Any, wanted: ScoreConfig, cell: Cell, trained: int | None) -> bool:
+    """Whether a stored score is the one asked for: of these weights, in these circumstances."""
+    from apil_core.game_options import stored_physics
+
+    if result is None:
+        return False
+    modes = cell.config.evaluation
+    asked = (
+        wanted.episodes,
+        wanted.blind,
+        wanted.physics or stored_physics(cell.config),
+        wanted.adversary_actions or modes.adversary_actions,
+        wanted.victim_actions or modes.victim_actions,
+        cell.victim,
+        trained,
+    )
+    played = (
+        result.episodes,
+        result.blind,
+        result.physics,
+        result.adversary_actions,
+        result.victim_actions,
+        result.victim.name,
+        result.trained_steps,
+    )
+    return asked == played
+
+
+def covers(document: Any, adversaries: dict[str, str], victims: dict[str, str]) -> bool:
+    """Whether a cross-play has games of all these against each other."""
+    if document is None:
+        return False
+    rows = {player.label for player in document.adversaries}
+    columns = {player.label for player in document.victims}
+    whole = all(score is not None for row in document.scores for score in row)
+    return whole and set(adversaries) <= rows and set(victims) <= columns

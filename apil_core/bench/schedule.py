@@ -1,0 +1,122 @@
+"""The course of a benchmark: which job may start, what came of it, who is told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from dataclasses import dataclass, field
+from typing import Literal
+
+from apil_core.bench.executor import Executor
+from apil_core.bench.jobs import Job, Ledger
+from apil_core.bench.work import Outcome
+
+State = Literal["waiting", "queued", "running", "done", "failed", "interrupted", "left out"]
+
+_PERIOD = 1.0
+"""Seconds between looks at what is going on."""
+
+
+class Watch:
+    """Who is told how a benchmark goes; this one stays silent."""
+
+    def update(self, states: dict[str, State]) -> None:
+        """About once a second, and after every end of a job."""
+
+    def ended(self, job: Job, state: State, reason: str) -> None:
+        """A job ended; ``reason`` says why it failed."""
+
+
+@dataclass
+class Course:
+    """How a benchmark went.
+
+    Attributes:
+        states: by name of the job.
+        kept: jobs that were done before this session began.
+        interrupted: somebody stopped it.
+    """
+
+    states: dict[str, State] = field(default_factory=dict)
+    kept: tuple[str, ...] = ()
+    interrupted: bool = False
+
+    def having(self, state: State) -> list[str]:
+        """Jobs in that state."""
+        return [name for name, found in self.states.items() if found == state]
+
+
+def run_jobs(jobs: Sequence[Job], ledger: Ledger, executor: Executor, watch: Watch | None = None) -> Course:
+    """Run all jobs that are not done yet; a failing one does not stop the others.
+
+    Ctrl-C (``KeyboardInterrupt``) lets running jobs write their checkpoints; a second one ends them at once.
+
+    Args:
+        jobs: in the order they should be started.
+        ledger: knows what is done.
+        executor: runs them; left open.
+        watch: told how it goes.
+    """
+    scheduler = _Scheduler(jobs, ledger, executor, watch or Watch())
+    while not scheduler.over:
+        try:
+            scheduler.step()
+        except KeyboardInterrupt:
+            scheduler.course.interrupted = True
+            executor.stop()
+    return scheduler.course
+
+
+class _Scheduler:
+    def __init__(self, jobs: Sequence[Job], ledger: Ledger, executor: Executor, watch: Watch):
+        self._jobs = {job.name: job for job in jobs}
+        self._ledger, self._executor, self._watch = ledger, executor, watch
+        kept = tuple(job.name for job in jobs if ledger.is_done(job))
+        self.course = Course({name: "done" if name in kept else "waiting" for name in self._jobs}, kept)
+        self._futures: dict[Future[Outcome], str] = {}
+
+    @property
+    def over(self) -> bool:
+        """Nothing runs, and nothing can be started any more."""
+        return not self._futures and (self.course.interrupted or not self.course.having("waiting"))
+
+    def step(self) -> None:
+        """Start what can be started, wait a moment, and take note of what ended."""
+        if not self.course.interrupted:
+            self._start_ready()
+        ended, _ = wait(self._futures, timeout=_PERIOD, return_when=FIRST_COMPLETED)
+        for future in ended:
+            self._take(future)
+        for future, name in self._futures.items():
+            self.course.states[name] = "running" if future.running() else "queued"
+        self._watch.update(self.course.states)
+
+    def _start_ready(self) -> None:
+        states = self.course.states
+        for name in self.course.having("waiting"):
+            job = self._jobs[name]
+            if any(states.get(need) in ("failed", "left out") for need in job.needs):
+                states[name] = "left out"
+            elif all(states.get(need) == "done" for need in job.needs) and all(
+                states.get(end) in ("done", "failed", "left out") for end in job.after
+            ):
+                # what came in the meantime may have changed what is left of it
+                if job.after and self._ledger.is_done(job):
+                    states[name] = "done"
+                    continue
+                states[name] = "queued"
+                self._futures[self._executor.submit(name)] = name
+
+    def _take(self, future: Future[Outcome]) -> None:
+        name = self._futures.pop(future)
+        try:
+            outcome = future.result()
+        except CancelledError:
+            self.course.states[name] = "waiting"
+            return
+        if outcome == "interrupted" and not self.course.interrupted:
+            # somebody stopped the worker, not us: the cell goes on when the benchmark is run again
+            self._ledger.bench.note_failure(name, "its worker was stopped from outside; run the matrix again")
+            outcome = "failed"
+        self.course.states[name] = outcome
+        self._watch.ended(self._jobs[name], outcome, self._ledger.bench.failure(name))

@@ -1,0 +1,149 @@
+"""What a benchmark does with its trained adversaries."""
+
+from __future__ import annotations
+
+import shutil
+from typing import TYPE_CHECKING, Any
+
+from apil_core.bench.cells import Cell
+from apil_core.bench.folder import BenchDir
+from apil_core.errors import ConfigError
+from apil_core.game_options import without_physics
+from apil_core.progress import Progress
+from apil_core.rundir import RunDir
+
+if TYPE_CHECKING:
+    from apil_core.activations.document import ActivationMap
+    from apil_core.bench.jobs import Ledger
+    from apil_core.crossplay_document import CrossPlay
+    from apil_core.pairing import PairingOptions
+
+_TRIES = 60
+"""Games looked at for one that the adversary wins."""
+
+
+def read_crossplay(bench: BenchDir, game: str) -> CrossPlay | None:
+    """The cross-play of a game, or ``None`` if there is none yet.
+
+    Raises:
+        ConfigError: its file is damaged.
+    """
+    from apil_core.crossplay_document import CrossPlay
+
+    path = bench.crossplay_path(game)
+    return CrossPlay.read(path) if path.is_file() else None
+
+
+def read_activations(bench: BenchDir, game: str) -> ActivationMap | None:
+    """The activations of a game's victim, or ``None`` if there are none yet.
+
+    Raises:
+        ConfigError: its file is damaged.
+    """
+    from apil_core.activations.document import ActivationMap
+
+    path = bench.activations_path(game)
+    return ActivationMap.read(path) if path.is_file() else None
+
+
+def harden(ledger: Ledger, cell: Cell, threads: int, progress: Progress) -> bool:
+    """Retrain the cell's victim against its adversary and the game's baseline; false if it was stopped."""
+    from apil_core.retraining.retrain import resume, retrain
+    from apil_core.retraining.settings import settings
+
+    stage, directory = ledger.benchmark.matrix.retraining, ledger.bench.retrained_dir(cell.name)
+    if stage is None:
+        raise ConfigError(f"the matrix of {ledger.bench.path} has no retraining")
+    shared: Any = {"progress": progress, "plugins": ledger.benchmark.plugins, "command": ledger.command}
+    if RunDir(directory).checkpoints():
+        return resume(directory, steps=stage.steps, threads=threads, **shared).status == "finished"
+    shutil.rmtree(directory, ignore_errors=True)  # killed before its first checkpoint
+    flags = {
+        "steps": stage.steps,
+        "adversary_share": stage.adversary_share,
+        "mix": stage.mix,
+        "freeze": stage.freeze,
+        "baseline": ledger.benchmark.baselines[cell.game],
+        "seed": cell.seed,
+        "threads": threads,
+        # cross-play scores it, against these and all others
+        "evaluation.episodes": 0,
+    }
+    run = f"run:{ledger.bench.cell(cell.name).path.resolve()}"
+    config = settings([run], flags, plugins=ledger.benchmark.plugins)
+    return retrain(config, out=directory, **shared).status == "finished"
+
+
+def play_all(ledger: Ledger, game: str, threads: int, progress: Progress) -> None:
+    """Every adversary of a game against its victims, the retrained ones included."""
+    from apil_core.crossplay import crossplay
+
+    stage = ledger.benchmark.matrix.crossplay
+    if stage is None:
+        raise ConfigError(f"the matrix of {ledger.bench.path} has no cross-play")
+    config = ledger.benchmark.cells_of(game)[0].config
+    options: PairingOptions = {
+        "env": game,
+        "threads": threads,
+        "plugins": ledger.benchmark.plugins,
+        "trust": config.trust,
+        "physics": stage.physics,
+        "adversary_actions": config.evaluation.adversary_actions,
+        "victim_actions": config.evaluation.victim_actions,
+        "game_options": config.game
+        if stage.physics is None
+        else without_physics(config, ledger.benchmark.plugins),
+    }
+    path = ledger.bench.crossplay_path(game)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    crossplay(
+        ledger.adversaries(game),
+        ledger.victims(game),
+        episodes=stage.episodes,
+        seed=config.seed,
+        out=path,
+        command=ledger.command,
+        progress=progress,
+        **options,
+    )
+
+
+def map_activations(ledger: Ledger, game: str, threads: int, progress: Progress) -> None:
+    """The victim's activations against each adversary."""
+    raise NotImplementedError
+
+
+def take_snapshots(ledger: Ledger, cell: Cell, progress: Progress) -> None:
+    """A strip of pictures of a game the cell's adversary wins; of its first game if it wins none."""
+    from apil_core.pairing import load_pairing
+    from apil_core.show import Programme, show
+
+    path = ledger.bench.snapshot_path(cell.name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    stage = ledger.benchmark.matrix.snapshots
+    pictures = 6 if stage is None else stage.pictures
+    run = f"run:{ledger.bench.cell(cell.name).path}"
+    with load_pairing(run, num_envs=1, threads=1, seed=cell.seed) as pairing:
+        won = won_game(pairing, cell.seed)
+        programme = Programme(
+            seed=cell.seed,
+            until="win" if won else None,
+            episodes=_TRIES if won else None,
+            snapshots=pictures,
+            strip=path,
+            width=240,
+            height=160,
+        )
+        programme.check()
+        show(pairing, programme, progress)
+
+
+def won_game(pairing: Any, seed: int) -> bool:
+    """Whether the adversary wins one of the games a strip would be looked for in."""
+    from apil_core.spectacle import Spectacle
+    from apil_core.torch_threads import one_torch_thread
+
+    with one_torch_thread(), pairing.attribution():
+        pairing.game.seed(0)
+        pairing.game.reset()
+        return Spectacle(pairing, seed).find("win", _TRIES, lambda game: None) is not None

@@ -1,0 +1,76 @@
+"""One job in a process of its own, which stops by itself, with a checkpoint, when its supervisor is gone."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from apil_core.bench.folder import BenchDir
+from apil_core.bench.work import Outcome
+
+_INTERRUPTED = 130
+"""Exit code of a process that was asked to stop and left a checkpoint."""
+
+
+class SupervisedJob:
+    """A running job; use it in ``with``.
+
+    Args:
+        root: the benchmark's directory.
+        job: name of the job.
+        threads: physics threads.
+    """
+
+    def __init__(self, root: Path, job: str, threads: int):
+        self._bench = BenchDir(root)
+        self._job = job
+        self._asked = False
+        path = self._bench.log_path(job)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._log = path.open("ab")
+        command = [sys.executable, "-m", "apil_core.cli", "bench", "work", str(root), job]
+        self._process = subprocess.Popen(
+            [*command, "--threads", str(threads), "--supervised"],
+            # its other end closes when we end, even if we are killed: see cli/bench_work.py
+            stdin=subprocess.PIPE,
+            stdout=self._log,
+            stderr=self._log,
+            # Ctrl-C goes to us alone: jobs are told once, whatever the terminal does
+            start_new_session=True,
+        )
+
+    def stop(self) -> None:
+        """Ask it to stop with a checkpoint; the second time: at once."""
+        self._process.send_signal(signal.SIGKILL if self._asked else signal.SIGINT)
+        self._asked = True
+
+    def wait(self) -> Outcome:
+        """How it ended; why it failed is noted in the benchmark's directory."""
+        code = self._process.wait()
+        if code == 0:
+            return "done"
+        if code == _INTERRUPTED or self._asked:
+            return "interrupted"
+        if code < 0:
+            name = signal.Signals(-code).name
+            hint = ", perhaps for want of memory" if name == "SIGKILL" else ""
+            self._bench.note_failure(self._job, f"its process was ended by {name}{hint}")
+        elif not self._bench.failure(self._job):
+            log = self._bench.log_path(self._job)
+            self._bench.note_failure(self._job, f"exit code {code}; see {log}")
+        return "failed"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+        self._process.wait()
+        self._log.close()

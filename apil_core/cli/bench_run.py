@@ -1,0 +1,185 @@
+"""``apil bench run``: a matrix of runs, from resolving it to the last score."""
+
+from __future__ import annotations
+
+import os
+import time
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Group, Parameter
+
+from apil_core.bench.matrix import matrix_names
+from apil_core.cli.flags import Json, Quiet
+from apil_core.cli.guard import INTERRUPTED, complain
+from apil_core.cli.progress import make_progress
+from apil_core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from apil_core.bench.cells import Benchmark
+    from apil_core.bench.executor import Executor
+    from apil_core.bench.schedule import Course
+
+_WHERE = Group("Where it runs", sort_key=1)
+_ROOT = Path("runs") / "bench"
+
+
+def run(
+    matrix: Annotated[
+        str,
+        Parameter(
+            name="MATRIX",
+            help=f"YAML file, a shipped matrix ({', '.join(matrix_names())}), or a directory to go on in.",
+        ),
+    ],
+    /,
+    *,
+    out: Annotated[
+        Path | None,
+        Parameter(help=f"The benchmark's directory [default: {_ROOT}/NAME]; continued if it exists."),
+    ] = None,
+    dry_run: Annotated[
+        bool,
+        Parameter(
+            show_default=False, help="Only print the cells, and how long they will take as measured here."
+        ),
+    ] = False,
+    workers: Annotated[
+        int | None, Parameter(group=_WHERE, help="Jobs at the same time [default: one per CPU].")
+    ] = None,
+    threads: Annotated[
+        int | None,
+        Parameter(
+            group=_WHERE, help="Physics threads of each; never changes results [default: CPUs / workers]."
+        ),
+    ] = None,
+    executor: Annotated[
+        Literal["local", "ray"],
+        Parameter(group=_WHERE, help="local: processes on this machine; ray: a cluster."),
+    ] = "local",
+    address: Annotated[
+        str | None,
+        Parameter(
+            group=_WHERE, help="The Ray cluster, e.g. auto or ray-head:6379 [default: a new one here]."
+        ),
+    ] = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> int:
+    """Run every combination of methods, games, seeds, victims, budgets and further axes of a matrix.
+
+    Everything is checked before anything starts. The same command goes on where it was stopped: finished
+    cells are kept, half ones resume to the bit. A cell that fails is reported and does not stop the others.
+    """
+    from apil_core.bench.cells import resolve_matrix
+    from apil_core.bench.folder import BenchDir
+    from apil_core.bench.jobs import Ledger, make_jobs
+    from apil_core.bench.schedule import run_jobs
+    from apil_core.cli.bench_table import make_watch, print_course, print_plan
+
+    source, directory = _source(matrix, out)
+    benchmark = resolve_matrix(source, matrix)
+    bench = BenchDir(directory)
+    benchmark = _same_as_stored(bench, benchmark)
+    count, each = _share(workers, threads, executor)
+    jobs = make_jobs(benchmark)
+    ledger = Ledger(bench, benchmark)
+    if dry_run:
+        from apil_core.bench.estimate import estimate
+
+        with make_progress(quiet=quiet) as progress:
+            cost = estimate(benchmark, ledger, threads=each, jobs=jobs, note=progress.note)
+        print_plan(benchmark, jobs, ledger, cost, count, as_json=as_json)
+        return 0
+    with bench.lock():
+        bench.write_matrix(benchmark.matrix)
+        begin = time.perf_counter()
+        with (
+            closing(make_watch(jobs, ledger, quiet=quiet)) as watch,
+            closing(_executor(executor, directory, count, each, address)) as running,
+        ):
+            course = run_jobs(jobs, ledger, running, watch)
+    print_course(course, ledger, time.perf_counter() - begin, as_json=as_json)
+    return _exit_code(course, directory)
+
+
+def _source(name: str, out: Path | None) -> tuple[Any, Path]:
+    """The matrix, and the directory of its benchmark."""
+    from apil_core.bench.folder import BenchDir
+    from apil_core.bench.matrix import load_matrix
+
+    if Path(name).is_dir():
+        if out is not None and out.resolve() != Path(name).resolve():
+            raise ConfigError(f"{name} is a benchmark already; leave --out out to go on with it")
+        return BenchDir(name).matrix(), Path(name)
+    matrix = load_matrix(name)
+    return matrix, out or _ROOT / (Path(name).stem if name.endswith((".yaml", ".yml")) else Path(name).name)
+
+
+def _same_as_stored(bench: Any, benchmark: Benchmark) -> Benchmark:
+    """The benchmark with the victims its directory has pinned.
+
+    Raises:
+        ConfigError: a cell that was begun there has other settings now.
+        RunDirError: the directory holds something else.
+    """
+    from apil_core.bench.cells import resolve_matrix
+    from apil_core.bench.work import check_same
+    from apil_core.errors import RunDirError
+
+    if not bench.matrix_path.is_file():
+        if bench.path.exists() and (not bench.path.is_dir() or any(bench.path.iterdir())):
+            raise RunDirError(f"{bench.path} exists and is no benchmark; choose another --out")
+        return benchmark
+    stored = bench.matrix().victims
+    pinned = {game: stored.get(game, names) for game, names in benchmark.matrix.victims.items()}
+    asked = benchmark.matrix.model_copy(update={"victims": pinned}, deep=True)
+    benchmark = resolve_matrix(asked, str(bench.matrix_path))
+    for cell in benchmark.cells:
+        run = bench.cell(cell.name)
+        if run.config_path.is_file():
+            check_same(run.config(), cell)
+    return benchmark
+
+
+def _share(workers: int | None, threads: int | None, executor: str) -> tuple[int, int]:
+    """Jobs at a time, and threads for each: as many threads together as there are CPUs.
+
+    How many CPUs a cluster has is known to Ray alone: each job gets one there, and 0 workers stand for
+    as many as fit.
+    """
+    if executor == "ray":
+        workers, threads = (0 if workers is None else workers), threads or 1
+        return workers, threads
+    cpus = os.cpu_count() or 1
+    count = workers if workers is not None else cpus
+    each = threads if threads is not None else max(cpus // max(count, 1), 1)
+    for name, value in (("--workers", count), ("--threads", each)):
+        if value < 1:
+            raise ConfigError(f"{name} must be at least 1, got {value}")
+    return count, each
+
+
+def _executor(kind: str, root: Path, workers: int, threads: int, address: str | None) -> Executor:
+    if kind == "ray":
+        from apil_core.bench.ray_executor import RayExecutor
+
+        return RayExecutor(root, workers or None, threads, address)
+    if address is not None:
+        raise ConfigError("--address is a Ray cluster's: add --executor ray")
+    from apil_core.bench.executor import LocalProcesses
+
+    return LocalProcesses(root, workers, threads)
+
+
+def _exit_code(course: Course, directory: Path) -> int:
+    if course.interrupted:
+        return complain(f"interrupted; go on with: apil bench run {directory}", INTERRUPTED)
+    failed = course.having("failed")
+    if failed:
+        return complain(
+            f"{len(failed)} of {len(course.states)} jobs failed; try them again: apil bench run {directory}",
+            1,
+        )
+    return 0

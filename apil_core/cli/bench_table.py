@@ -1,0 +1,203 @@
+"""What ``apil bench run`` shows: the plan, the live table, and how it ended."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from rich.live import Live
+from rich.table import Table
+
+from apil_core.bench.jobs import CELL, RETRAINING, Job, Ledger
+from apil_core.bench.schedule import Course, State, Watch
+from apil_core.cli.output import console, print_json, table
+from apil_core.cli.readout import duration, outcomes
+from apil_core.rundir import RunDir
+
+if TYPE_CHECKING:
+    from apil_core.bench.cells import Benchmark, Cell
+    from apil_core.bench.estimate import Estimate
+
+_BETWEEN = 2.0
+"""Seconds between looks into the directories of running cells."""
+
+
+class QuietWatch(Watch):
+    """Says nothing, and tidies up when it is closed."""
+
+    def close(self) -> None:
+        """Leave the terminal as it was."""
+
+
+class LineWatch(QuietWatch):
+    """A line for each job's end, on stderr."""
+
+    def __init__(self, jobs: Sequence[Job], ledger: Ledger):
+        self._total = len(jobs)
+        self._ended = 0
+        kept = sum(ledger.is_done(job) for job in jobs)
+        print(
+            f"{self._total} jobs in {ledger.bench.path}, {kept} of them done before",
+            file=sys.stderr,
+            flush=True,
+        )
+        self._kept = kept
+
+    def ended(self, job: Job, state: State, reason: str) -> None:
+        """See :class:`Watch`."""
+        self._ended += 1
+        why = f": {reason}" if reason else ""
+        count = f"{self._kept + self._ended} of {self._total}"
+        print(f"{time.strftime('%H:%M:%S')} {count}: {job.name} {state}{why}", file=sys.stderr, flush=True)
+
+
+class TableWatch(QuietWatch):
+    """A live table: what runs now, row by row, and how many wait, are done or have failed."""
+
+    def __init__(self, jobs: Sequence[Job], ledger: Ledger):
+        self._jobs = {job.name: job for job in jobs}
+        self._ledger = ledger
+        self._live = Live(console=console(stderr=True), refresh_per_second=2, transient=True)
+        self._next = 0.0
+        self._live.start()
+
+    def update(self, states: dict[str, State]) -> None:
+        """See :class:`Watch`."""
+        if time.monotonic() < self._next:
+            return
+        self._next = time.monotonic() + _BETWEEN
+        self._live.update(self._table(states))
+
+    def ended(self, job: Job, state: State, reason: str) -> None:
+        """See :class:`Watch`."""
+        why = f": {reason}" if reason else ""
+        self._live.console.print(f"{job.name} {state}{why}", markup=False)
+
+    def close(self) -> None:
+        """See :class:`QuietWatch`."""
+        self._live.stop()
+
+    def _table(self, states: dict[str, State]) -> Table:
+        shown = table("job", "steps>", "win>", "tie>", "steps/s>", "left>")
+        counts = Counter(states.values())
+        shown.caption = ", ".join(f"{count} {state}" for state, count in counts.items())
+        for name, state in states.items():
+            if state == "running":
+                shown.add_row(name, *self._progress(self._jobs[name]))
+        return shown
+
+    def _progress(self, job: Job) -> list[str]:
+        metrics = _metrics(self._ledger, job)
+        steps, speed = int(metrics.get("steps", 0)), metrics.get("steps_per_second", 0.0)
+        if not job.steps or not steps:
+            return [""] * 5
+        shares = outcomes(metrics)
+        left = duration((job.steps - steps) / speed) if speed and steps < job.steps else "scoring"
+        return [
+            f"{steps / 1e6:.2f} M of {job.steps / 1e6:.2f} M",
+            *(shares.get(name, "").partition(" [")[0] for name in ("win", "tie")),
+            f"{speed:,.0f}",
+            left,
+        ]
+
+
+def make_watch(jobs: Sequence[Job], ledger: Ledger, *, quiet: bool) -> QuietWatch:
+    """The watch that fits ``--quiet`` and the terminal."""
+    if quiet:
+        return QuietWatch()
+    return TableWatch(jobs, ledger) if sys.stderr.isatty() else LineWatch(jobs, ledger)
+
+
+def _metrics(ledger: Ledger, job: Job) -> dict[str, Any]:
+    if job.kind == CELL:
+        return ledger.bench.cell(job.subject).last_metrics()
+    if job.kind == RETRAINING:
+        return RunDir(ledger.bench.retrained_dir(job.subject)).last_metrics()
+    return {}
+
+
+def print_plan(
+    benchmark: Benchmark, jobs: Sequence[Job], ledger: Ledger, cost: Estimate, workers: int, *, as_json: bool
+) -> None:
+    """The cells of a matrix and what they will cost."""
+    states = {cell.name: _state(ledger, cell) for cell in benchmark.cells}
+    others = Counter(job.kind for job in jobs if job.kind != CELL)
+    if as_json:
+        cells = [
+            {
+                "name": cell.name,
+                "state": states[cell.name],
+                "steps": cell.steps,
+                "victim": cell.victim,
+                "steps_per_second": cost.rates[cell.name].steps_per_second,
+                "rate_from": cost.rates[cell.name].source,
+                "training_seconds": cost.training[cell.name],
+                "scoring_seconds": cost.scoring[cell.name],
+            }
+            for cell in benchmark.cells
+        ]
+        print_json({"cells": cells, "other_jobs": others, "workers": workers, "hours": cost.hours(workers)})
+        return
+    shown = table("cell", "state", "victim", "steps>", "steps/s>", "rate", "training>", "scoring>")
+    for cell in benchmark.cells:
+        rate = cost.rates[cell.name]
+        shown.add_row(
+            cell.name,
+            states[cell.name],
+            cell.victim,
+            f"{cell.steps:,}",
+            f"{rate.steps_per_second:,.0f}",
+            rate.source,
+            duration(cost.training[cell.name]),
+            duration(cost.scoring[cell.name]),
+        )
+    screen = console()
+    screen.print(shown)
+    besides = ", ".join(f"{count} × {kind}" for kind, count in others.items())
+    steps = sum(cell.steps for cell in benchmark.cells)
+    screen.print(
+        f"{len(benchmark.cells)} cells, {steps:,} steps; besides: {besides or 'nothing'}", markup=False
+    )
+    screen.print(
+        f"left: about {cost.hours(workers):.1f} h on {workers} workers if they do not slow each other down, "
+        "games of cross-play, activations and pictures not counted",
+        markup=False,
+    )
+
+
+def _state(ledger: Ledger, cell: Cell) -> str:
+    if ledger.trained(cell):
+        return "scoring left" if ledger.missing_scores(cell) else "done"
+    return "begun" if ledger.bench.cell(cell.name).checkpoints() else "new"
+
+
+def print_course(course: Course, ledger: Ledger, seconds: float, *, as_json: bool) -> None:
+    """How it ended: counts, every failure with its reason, and the next command."""
+    bench = ledger.bench
+    failures = {name: bench.failure(name) for name in course.having("failed")}
+    counts = Counter(course.states.values())
+    if as_json:
+        print_json(
+            {
+                "directory": str(bench.path),
+                "jobs": course.states,
+                "kept": course.kept,
+                "failures": failures,
+                "interrupted": course.interrupted,
+                "wall_seconds": seconds,
+            }
+        )
+        return
+    screen = console()
+    if failures:
+        shown = table("failed", "why")
+        for name, reason in failures.items():
+            shown.add_row(name, reason)
+        screen.print(shown)
+    summary = ", ".join(f"{count} {state}" for state, count in counts.items())
+    screen.print(f"{summary} ({len(course.kept)} were done before) in {duration(seconds)}", markup=False)
+    if not course.interrupted:
+        screen.print(f"report: apil bench report {bench.path}", markup=False)

@@ -1,0 +1,41 @@
+"""``apil bench work``: what the worker processes of ``apil bench run`` run; nobody types it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from apil_core.cli.guard import INTERRUPTED
+
+
+def work(
+    root: Annotated[Path, Parameter(name="DIR", help="The benchmark's directory.")],
+    job: Annotated[str, Parameter(name="JOB", help="Name of the job.")],
+    /,
+    *,
+    threads: Annotated[int, Parameter(help="Physics threads; never changes results.")] = 1,
+    supervised: Annotated[
+        bool, Parameter(show_default=False, help="Stop with a checkpoint when standard input closes.")
+    ] = False,
+) -> int:
+    """Do what is left of one job of a benchmark."""
+    from apil_core.bench.work import perform
+    from apil_core.cli.plain import PlainProgress
+
+    if supervised:
+        threading.Thread(target=_follow_supervisor, daemon=True).start()
+    progress = PlainProgress()
+    return 0 if perform(root, job, threads=threads, progress=progress) == "done" else INTERRUPTED
+
+
+def _follow_supervisor() -> None:
+    """When whoever started this process is gone, its end of the pipe closes: stop as for Ctrl-C."""
+    while os.read(sys.stdin.fileno(), 4096):  # unbuffered: a buffer's lock would be held when we exit
+        pass
+    os.kill(os.getpid(), signal.SIGINT)

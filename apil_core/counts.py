@@ -1,0 +1,39 @@
+"""Numbers as people write them: ``300k`` steps, seeds ``0..4``."""
+
+from __future__ import annotations
+
+
+def whole_number(text: str) -> int:
+    """A whole number, also written 300k, 35M, 1e6 or 1_000_000.
+
+    Raises:
+        ValueError: it is none.
+    """
+    factor = {"k": 10**3, "m": 10**6}.get(text[-1:].lower(), 1)
+    value = float(text[:-1] if factor > 1 else text) * factor
+    if value != int(value):
+        raise ValueError(f"{text!r} is not a whole number")
+    return int(value)
+
+
+def short_number(value: int) -> str:
+    """The number as one would write it in a name: ``1M``, ``1500k``, ``12345``; without loss."""
+    for size, letter in ((10**6, "M"), (10**3, "k")):
+        if value and value % size == 0:
+            return f"{value // size}{letter}"
+    return str(value)
+
+
+def number_list(text: str) -> list[int]:
+    """``0..4`` (both ends included), ``0,3,7``, or both.
+
+    Raises:
+        ValueError: it names none, or one twice.
+    """
+    numbers: list[int] = []
+    for part in text.split(","):
+        first, dots, last = part.partition("..")
+        numbers += range(int(first), int(last) + 1) if dots else [int(first)]
+    if not numbers or len(set(numbers)) < len(numbers):
+        raise ValueError(f"{text!r} names no seed, or one twice")
+    return numbers

@@ -1,0 +1,133 @@
+"""From a matrix to its cells: what is combined, what cells are called, which mistakes are told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from apil_core import ConfigError
+from apil_core.bench.cells import resolve_matrix
+from apil_core.bench.folder import BenchDir
+from apil_core.bench.matrix import Matrix, load_matrix, matrix_names
+from apil_core.errors import ApilError
+from bench.small_matrix import small_matrix
+
+
+def names(matrix: Matrix) -> list[str]:
+    return [cell.name for cell in resolve_matrix(matrix).cells]
+
+
+def test_every_combination_is_a_cell():
+    matrix = small_matrix(methods=["adrl", "apl"], seeds="0..2", steps=["1k", "3072"])
+    cells = resolve_matrix(matrix).cells
+    assert len(cells) == 2 * 3 * 2
+    assert {(c.method, c.seed, c.steps) for c in cells} == {
+        (m, s, n) for m in ("adrl", "apl") for s in (0, 1, 2) for n in (1000, 3072)
+    }
+    assert all((c.config.method, c.config.seed, c.config.steps) == (c.method, c.seed, c.steps) for c in cells)
+    assert all(c.config.num_envs == 32 and c.config.ppo.epochs == 2 for c in cells)
+
+
+def test_names_stay_when_the_matrix_grows():
+    small = names(small_matrix())
+    assert small == ["toy-pursuit/adrl/s0-3072"]
+    grown = small_matrix(methods=["apl", "adrl"], seeds=[1, 0], steps=[3072, "2M"])
+    assert set(small) <= set(names(grown))
+    assert "toy-pursuit/apl/s1-2M" in names(grown)
+
+
+def test_the_victim_is_named_even_if_nobody_named_it():
+    benchmark = resolve_matrix(small_matrix())
+    assert benchmark.cells[0].victim == "scripted:toy-pursuit/evader/v1"
+    assert benchmark.matrix.victims == {"toy-pursuit": ("scripted:toy-pursuit/evader/v1",)}
+
+
+def test_several_victims_make_cells_of_their_own():
+    evader, still = "scripted:toy-pursuit/evader/v1", "baseline:zero/6x2"
+    found = names(small_matrix(victims={"toy-pursuit": [evader, still]}))
+    assert found == [
+        "toy-pursuit/adrl/s0-3072-scripted_toy-pursuit_evader_v1",
+        "toy-pursuit/adrl/s0-3072-baseline_zero_6x2",
+    ]
+
+
+def test_an_axis_sets_what_it_names():
+    cells = resolve_matrix(small_matrix(axes={"ppo.epochs": [1, 3], "game.max_steps": [20]})).cells
+    assert [(c.config.ppo.epochs, c.config.game["max_steps"]) for c in cells] == [(1, 20), (3, 20)]
+    assert cells[1].axes == {"ppo.epochs": 3, "game.max_steps": 20}
+    assert cells[1].name == "toy-pursuit/adrl/s0-3072-ppo.epochs=3-game.max_steps=20"
+
+
+def test_an_axis_of_one_method_does_not_multiply_the_others():
+    matrix = small_matrix(methods=["adrl", "apil"], axes={"options.apil.prediction": ["imitator", "noise"]})
+    assert names(matrix) == [
+        "toy-pursuit/adrl/s0-3072",
+        "toy-pursuit/apil/s0-3072-apil.prediction=imitator",
+        "toy-pursuit/apil/s0-3072-apil.prediction=noise",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"methods": ["adrll"]}, "matrix: methods.0: unknown method 'adrll' (did you mean 'adrl'?"),
+        ({"games": ["toy-persuit"]}, "did you mean 'toy-pursuit'?"),
+        ({"config": {"ppo": {"epochz": 2}}}, "ppo.epochz: unknown key (did you mean 'epochs'?)"),
+        ({"axes": {"ppo.epochs": [0]}}, "axis ppo.epochs=0: "),
+        (
+            {"axes": {"options.apil.prediction": ["noise"]}},
+            "axes.options.apil.prediction: no method here reads options",
+        ),
+        ({"config": {"options": {"apill": {}}}}, "config.options: no method here reads options of 'apill'"),
+        ({"axes": {"ppo.": [1]}}, "expected key=value"),
+    ],
+)
+def test_mistakes_in_cells_are_one_line(changes, told):
+    with pytest.raises(ApilError) as error:
+        resolve_matrix(small_matrix(**changes))
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"seeds": [0, 0]}, "seeds names a value twice"),
+        ({"axes": {"seed": [1, 2]}}, "axes.seed: use 'seeds' for it"),
+        ({"axes": {"ppo.epochs": []}}, "at least 1 item"),
+        ({"scores": {"blinded": {}}}, "scores needs 'plain'"),
+        ({"scores": {"plain": {"games": ["chess"]}}}, "scores.plain.games: 'chess' is not among"),
+        ({"retraining": {"methods": ["apl"]}}, "retraining.methods: 'apl' is not among"),
+        ({"victims": {"chess": ["auto"]}}, "victims: 'chess' is not among"),
+        ({"steps": "0"}, "steps must be positive"),
+    ],
+)
+def test_mistakes_in_the_matrix_itself(changes, told):
+    with pytest.raises(ValidationError) as error:
+        small_matrix(**changes)
+    assert told in str(error.value)
+
+
+def test_a_file_is_told_with_its_line(tmp_path: Path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("methods: [adrl]\ngames: [toy-pursuit]\nscorez: {}\n")
+    with pytest.raises(ConfigError, match=r"mine\.yaml:3: scorez: unknown key \(did you mean 'scores'\?\)"):
+        load_matrix(str(path))
+    with pytest.raises(ConfigError, match="smok: no such file, and no matrix that ships with apil"):
+        load_matrix("smok")
+
+
+def test_shipped_matrices_resolve():
+    sizes = {name: len(resolve_matrix(load_matrix(name), name).cells) for name in matrix_names()}
+    assert sizes == {"ablation": 24, "paper": 80, "quick": 16, "smoke": 4}
+
+
+def test_a_stored_matrix_comes_back_equal(tmp_path: Path):
+    bench = BenchDir(tmp_path / "b")
+    matrix = resolve_matrix(load_matrix("quick")).matrix
+    bench.write_matrix(matrix)
+    assert bench.matrix() == matrix
+    assert [c.name for c in bench.cells()] == names(matrix)
+    assert {c.status for c in bench.cells()} == {"waiting"}
