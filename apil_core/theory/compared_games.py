@@ -1,0 +1,143 @@
+"""Games of one checkpoint's adversary, and what the next checkpoint's would do in every state met."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from apil_core.pairing import Pairing, load_pairing
+from apil_core.plugins import PluginRegistry
+from apil_core.policy import Policy
+from apil_core.registry import game_spec
+from apil_core.rewards import annealing, resolve_weights, training_reward
+from apil_core.rundir import RunDir
+from apil_core.seeds import stream_seed
+from apil_core.types import Decision, View
+
+
+@dataclass
+class ComparedGames:
+    """What was seen, time first: (T, n). Entries after a game's end are not ``playing``.
+
+    Attributes:
+        steps: the adversary was trained for.
+        gamma: discount.
+        playing: bool.
+        rewards: of the victim, in training's units; 0 after the end.
+        divergence: KL of the two adversaries in the state before the step, bits.
+    """
+
+    steps: int
+    gamma: float
+    playing: np.ndarray
+    rewards: np.ndarray
+    divergence: np.ndarray
+
+    @property
+    def following(self) -> np.ndarray:
+        """Discounted return from each step on, (T, n): the value of the state it leads to, as drawn."""
+        result = np.zeros((len(self.rewards) + 1, self.rewards.shape[1]))
+        for t in range(len(self.rewards) - 1, -1, -1):
+            result[t] = self.rewards[t] + self.gamma * result[t + 1]
+        return result[:-1]
+
+    @property
+    def values(self) -> np.ndarray:
+        """Γ as drawn in each game, (n,)."""
+        values: np.ndarray = self.gamma * self.following[0]
+        return values
+
+
+class ComparedPolicy(Policy):
+    """Plays as the first policy, and says how far the second one's distribution is from its own."""
+
+    def __init__(self, policy: Policy, other: Policy | None):
+        self.info = policy.info
+        self.policy = policy
+        self.other = other
+        self.divergence: np.ndarray | float = 0.0
+
+    def act(
+        self,
+        view: View,
+        *,
+        sample: bool,
+        generator: torch.Generator | None = None,
+        activations: bool = False,
+    ) -> Decision:
+        """See :meth:`apil_core.Policy.act`."""
+        decision = self.policy.act(view, sample=sample, generator=generator, activations=activations)
+        if self.other is not None:
+            mine, theirs = decision.distribution, self.other.act(view, sample=False).distribution
+            assert mine is not None
+            assert theirs is not None
+            # rounding leaves -1e-9 between policies that are nearly the same
+            self.divergence = mine.kl(theirs).double().clamp(min=0).cpu().numpy() / math.log(2)
+        return decision
+
+
+def play_compared(
+    run: RunDir,
+    path: Path,
+    follower: Path | None,
+    games: int,
+    seed: int,
+    threads: int,
+    plugins: PluginRegistry,
+) -> ComparedGames:
+    """Play once in each of ``games`` parallel games.
+
+    Args:
+        run: whose adversaries they are.
+        path: the checkpoint that plays.
+        follower: the checkpoint it is compared with; ``None``: the divergence is 0.
+        games: number of games.
+        seed: of all draws, the same for both checkpoints' stochastic hooks.
+        threads: physics threads (0: all CPUs); never changes the result.
+        plugins: know the run's game and methods.
+    """
+
+    def load(checkpoint: Path, num_envs: int) -> Pairing:
+        return load_pairing(
+            run.path,
+            num_envs=num_envs,
+            seed=seed,  # stochastic hooks of both draw the same
+            threads=threads,
+            plugins=plugins,
+            adversary_actions="sample",
+            victim_actions=run.config().victim_actions,
+            checkpoint_path=checkpoint,
+        )
+
+    with load(path, games) as pairing, pairing.attribution():
+        if follower is None:
+            return _games(pairing, None, seed, plugins)
+        with load(follower, 1) as other, other.attribution():
+            return _games(pairing, other.adversary, seed, plugins)
+
+
+@torch.inference_mode()
+def _games(pairing: Pairing, other: Policy | None, seed: int, plugins: PluginRegistry) -> ComparedGames:
+    config, game, side = pairing.config, pairing.game, pairing.side
+    weights = resolve_weights(config.reward, game_spec(config.env, plugins).rewards)
+    share = annealing(weights, pairing.steps or 0, config.steps)
+    players, compared = pairing.players(seed), ComparedPolicy(pairing.adversary, other)
+    seats = [replace(seat, policy=compared) if i == side else seat for i, seat in enumerate(players.seats)]
+    players = replace(players, seats=(seats[0], seats[1]))
+    game.seed(stream_seed(seed, "evaluation games"))
+    game.reset()
+    active, first = np.ones(game.num_envs, bool), np.ones(game.num_envs, bool)
+    playing, rewards, divergence = [], [], []
+    while active.any():
+        step = game.step(players.act(game, first), None if active.all() else active)
+        playing.append(active)
+        rewards.append(np.where(active, training_reward(step, weights, share)[1 - side], 0.0))
+        divergence.append(np.broadcast_to(compared.divergence, active.shape))
+        active, first = active & ~step.done, np.zeros(game.num_envs, bool)
+    return ComparedGames(
+        pairing.steps or 0, config.ppo.gamma, np.array(playing), np.array(rewards), np.array(divergence)
+    )
