@@ -1,0 +1,64 @@
+"""``apil bench report``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from apil_core.cli.flags import Json
+from apil_core.cli.output import console, print_json
+
+PAGE, TABLES = "index.html", "tables"
+
+
+def report(
+    directories: Annotated[
+        list[Path],
+        Parameter(name="DIR", help="Benchmarks, finished or not; run directories may stand among them."),
+    ],
+    /,
+    *,
+    run: Annotated[
+        list[Path], Parameter(help="A further single run; repeatable.", show_default=False, metavar="DIR")
+    ] = [],  # noqa: B006 - cyclopts reads it, nobody changes it
+    out: Annotated[
+        Path | None, Parameter(help="Where to write [default: DIR/report of the first].", show_default=False)
+    ] = None,
+    tables_only: Annotated[bool, Parameter(help="No page, only the tables.", show_default=False)] = False,
+    json: Json = False,
+) -> int:
+    """Put a benchmark's results beside the published ones: one page, and tables as CSV, Markdown and LaTeX.
+
+    Whatever is there is shown; what is missing, weak or not comparable is said.
+    """
+    from apil_core.report.evidence import gather
+    from apil_core.report.tables import write_tables
+
+    evidence = gather(directories, run)
+    folder = out if out is not None else directories[0] / "report"
+    written = write_tables(evidence, folder / TABLES)
+    page = None
+    if not tables_only:
+        from apil_core.report.page import write_page
+
+        page = folder / PAGE
+        write_page(evidence, page)
+    if json:
+        kept = evidence.model_dump(
+            mode="json", include={"title", "settings", "claims", "warnings", "unfinished"}
+        )
+        print_json({"page": page and str(page), "tables": [str(path) for path in written], **kept})
+        return 0
+    to = console()
+    for claim in evidence.claims:
+        label = evidence.setting(claim.setting).label
+        to.print(f"{claim.verdict:15} {claim.claim} ({label})", markup=False)
+    for warning in evidence.warnings:
+        if warning.loud:
+            to.print(f"warning: {warning.text}", markup=False)
+    to.print(f"tables  {folder / TABLES} ({len(written)} files)", markup=False)
+    if page is not None:
+        to.print(f"page    {page}", markup=False)
+    return 0

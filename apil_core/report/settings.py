@@ -1,0 +1,158 @@
+"""What cells of one table have in common: budget, physics, victim, action modes and further settings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+from apil_core.config import RunConfig
+from apil_core.config_io import differences, flatten, resolve_layers
+from apil_core.config_layers import flag_layer
+from apil_core.errors import ApilError
+from apil_core.evaluation import EvaluationResult
+from apil_core.game_options import game_model, profile_keys
+from apil_core.plugins import PluginRegistry, discover
+from apil_core.report.sources import Run
+from apil_core.specs import GameSpec
+
+_FREE = (
+    *(
+        "method",
+        "env",
+        "victim",
+        "victim_sha256",
+        "victim_side",
+        "trust",
+        "steps",
+        "seed",
+        "threads",
+        "device",
+    ),
+    *("recorders", "log_rows", "plugins", "version", "options", "game", "game.physics"),
+)
+_FREE_SECTIONS = ("checkpoint.", "evaluation.", "options.")
+"""Told elsewhere, or without effect, or a matter of one method."""
+
+DEFAULT_VICTIM, STUDENT = "default", "embedded student"
+
+
+@dataclass(frozen=True)
+class Key:
+    """What cells of one block of tables share; see :class:`apil_core.report.models.Setting`.
+
+    Attributes:
+        axes: key and value of the settings its benchmark varies, where they are not the default.
+        other: key and value of what else differs from the defaults, whatever the method.
+        variant: 0, or counts up where runs of one cell differ in something else still.
+    """
+
+    steps: int | None
+    trained: str | None
+    physics: str | None
+    victim: str
+    adversary_actions: str
+    victim_actions: str
+    axes: tuple[tuple[str, str], ...] = ()
+    other: tuple[tuple[str, str], ...] = ()
+    variant: int = 0
+
+    @property
+    def training(self) -> Key:
+        """The same for all scores of a run: how it was trained."""
+        return replace(self, physics=None, adversary_actions="", victim_actions="")
+
+
+def key_of(run: Run, score: EvaluationResult | None) -> Key:
+    """Where a score of a run belongs; where its own would, if it has none yet."""
+    config = run.config
+    if score is None:
+        actions = (config.evaluation.adversary_actions, config.evaluation.victim_actions)
+        physics, victim = run.physics, run.dir.victim()
+    else:
+        actions = (score.adversary_actions, score.victim_actions)
+        # scores from before there were profiles tell none: they were played as the run was
+        physics, victim = score.physics or run.physics, score.victim.name
+    trained = score.trained_steps if score is not None else None
+    default = default_config(config)
+    stored = flatten(config.model_dump(mode="json"))
+    usual = {} if default is None else flatten(default.model_dump(mode="json"))
+    axes = {key: stored[key] for key in run.axes if key in stored and stored[key] != usual.get(key)}
+    return Key(
+        # a stopped run's score is one of a smaller budget
+        steps=config.steps if trained is None else min(config.steps, trained),
+        trained=run.physics,
+        physics=physics,
+        victim=victim_kind(config.env, victim, config.plugins),
+        adversary_actions=actions[0],
+        victim_actions=actions[1],
+        axes=tuple((key, str(value)) for key, value in axes.items()),
+        other=tuple((key, str(value)) for key, value in _other(config, default).items() if key not in axes),
+    )
+
+
+def victim_kind(env: str, victim: str, plugins: Sequence[str] = ()) -> str:
+    """``default``, ``embedded student`` or the name, which games do not share."""
+    spec = game_of(env, plugins)
+    if spec is None:
+        return victim
+    kinds = {spec.fallback_victim: STUDENT, spec.default_victim: DEFAULT_VICTIM}
+    return kinds.get(victim, victim)
+
+
+def game_of(env: str, plugins: Sequence[str] = ()) -> GameSpec | None:
+    """What is registered of a game; ``None`` if it is not installed."""
+    try:
+        return _plugins(tuple(plugins)).game(env)
+    except ApilError:
+        return None
+
+
+def value_at(config: RunConfig, key: str) -> Any:
+    """The value of a dotted key, or ``None``."""
+    return flatten(config.model_dump(mode="json")).get(key)
+
+
+def default_config(config: RunConfig) -> RunConfig | None:
+    """What a run of that method in that game has unless told otherwise; ``None`` if it is not installed."""
+    return _default(config.method, config.env, tuple(config.plugins))
+
+
+@cache
+def _default(method: str, env: str, plugins: tuple[str, ...]) -> RunConfig | None:
+    try:
+        return resolve_layers([flag_layer({"method": method, "env": env})], _plugins(plugins))
+    except ApilError:
+        return None
+
+
+@cache
+def _plugins(files: tuple[str, ...]) -> PluginRegistry:
+    return discover(files)
+
+
+def _other(config: RunConfig, default: RunConfig | None) -> dict[str, Any]:
+    if default is None:
+        return {}
+    hidden = {f"game.{key}" for key in profile_keys(game_model(config.env, _plugins(tuple(config.plugins))))}
+    return {
+        key: value
+        for key, (value, _) in differences(config, default).items()
+        if key not in _FREE and not key.startswith(_FREE_SECTIONS) and key not in hidden
+    }
+
+
+def conditions(score: EvaluationResult) -> str:
+    """Everything a score depends on but the adversary, its blinding, the seed and the number of games."""
+    facts = score.model_dump(mode="json", include={"env", "victim", "adversary_actions", "victim_actions"})
+    return str({**facts, **dict(sorted(score.options_played.items()))})
+
+
+def varying(keys: Iterable[Mapping[str, str]]) -> set[str]:
+    """Names whose text is not the same in all of them."""
+    seen: dict[str, set[str]] = {}
+    listed = list(keys)
+    for name in {name for facts in listed for name in facts}:
+        seen[name] = {facts.get(name, "") for facts in listed}
+    return {name for name, texts in seen.items() if len(texts) > 1}

@@ -1,0 +1,28 @@
+"""Numbers in words, the same in tables, warnings and on the page."""
+
+from __future__ import annotations
+
+
+def amount(steps: int) -> str:
+    """``35 M``, ``1.5 M``, ``300 k`` or ``512``."""
+    for size, unit in ((10**6, " M"), (10**3, " k")):
+        if steps >= size:
+            return f"{steps / size:.3g}{unit}"
+    return str(steps)
+
+
+def percent(share: float) -> str:
+    """A fraction in per cent, to a tenth: ``29.0``."""
+    return f"{100 * share:.1f}"
+
+
+def budget_mark(steps: int | None, published: int) -> str:
+    """``"1 M of 35 M = 2.9 %"``; empty where nothing is missing or nothing is known."""
+    if steps is None or steps >= published:
+        return ""
+    return f"{amount(steps)} of {amount(published)} = {100 * steps / published:.2g} %"
+
+
+def several(count: int, thing: str) -> str:
+    """``1 seed``, ``3 seeds``."""
+    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"

@@ -1,0 +1,500 @@
+"""A whole report's evidence, made up: every section has data, and names try to break the page."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from functools import cache
+from io import BytesIO
+
+import numpy as np
+from PIL import Image
+
+from apil_core.curves import Line, ScorePoint
+from apil_core.evaluation import wilson
+from apil_core.report import models as m
+from apil_core.report.statistics import compared, published_rate, share, verdict
+
+NASTY = "<b>my</b> & \"co\" </script><script>document.title='owned'</script>"
+"""A plugin's name as it must never be read: as markup."""
+
+GAMES = ("kick-and-defend", "you-shall-not-pass", "sumo-humans", "sumo-ants")
+COLUMNS = ["baseline", "adrl", "apl", "apil", "e_apil"]
+EPISODES = 1000
+PUBLISHED = {
+    1: [(28, 29), (48, 49), (80, 80), (85, 86), (89, 90)],
+    2: [(28, 29), (48, 49), (80, 80), (85, 86), (89, 90)],
+}
+MARKS = ["1 M of 35 M = 2.9 %", "1 seed"]
+
+
+@cache
+def evidence(*, nasty: bool = True, games: Sequence[str] = GAMES[:2]) -> m.Evidence:
+    """All sections filled; ``nasty`` adds a method whose name is markup. Games: at least the first two."""
+    rng = np.random.default_rng(0)
+    columns = [*COLUMNS, NASTY] if nasty else COLUMNS
+    methods, few = columns[1:], games[: len(games) // 2]
+    tables = [_table(number, games, columns, rng) for number in (1, 2, 3, 4)]
+    return m.Evidence(
+        title="Quick matrix: four games, four methods" + (f" {NASTY}" if nasty else ""),
+        games=list(games),
+        columns=columns,
+        settings=_settings(),
+        tables=[*tables, _table(1, games[:1], columns, rng, setting="s2")],
+        differences=[d for table in tables for row in table.rows for d in _differences(table, row)],
+        aggregates=[_aggregate(column, metric) for column in columns for metric in ("win", "win_or_tie")],
+        curves=[_panel(game, methods, rng) for game in games],
+        retraining=[_retraining(game, method, rng) for game in few for method in ("apil", "e_apil")],
+        ablations=[_ablation(rng)],
+        endings=[_ending(t, row, cell) for t in tables[:2] for row in t.rows for cell in row],
+        crossplay=[_crossplay(game, rng) for game in few],
+        activations=[_activations(game, rng) for game in few],
+        snapshots=[
+            m.Snapshot(game=g, method="apil", path="x.png", data_uri=_picture(), caption="A won game.")
+            for g in few
+        ],
+        diagnostics=[_diagnostics(game, method, rng) for game in few for method in methods],
+        claims=_claims(),
+        warnings=_warnings(nasty),
+        unfinished=[
+            m.Unfinished(
+                game="sumo-ants",
+                method="apl",
+                label="s1-1M",
+                status="failed",
+                steps=300_000,
+                planned_steps=1_000_000,
+                reason=f"plugin broke: {NASTY if nasty else 'ValueError'}",
+                path="/tmp/x",
+            ),
+        ],
+        provenance=_provenance(methods),
+    )
+
+
+def _settings() -> list[m.Setting]:
+    common = {
+        "published_steps": 35_000_000,
+        "steps": 1_000_000,
+        "budget_share": 1 / 35,
+        "victim_actions": "sample",
+    }
+    return [
+        m.Setting(
+            id="s1",
+            label="1 M steps, fast physics",
+            trained_physics="fast",
+            physics="fast",
+            notes=[
+                "Trained for 1 M of 35 M steps (2.9 %).",
+                "One seed: nothing can be said about spread.",
+                "Trained and scored in fast physics, which is not the paper's.",
+            ],
+            **common,
+        ),
+        m.Setting(
+            id="s2",
+            label="1 M steps, trained fast, scored in faithful physics",
+            trained_physics="fast",
+            physics="faithful",
+            notes=["Trained for 1 M of 35 M steps (2.9 %)."],
+            **common,
+        ),
+    ]
+
+
+def _cell(
+    game: str, column: str, wins: int, ties: int, published: tuple[int, int] | None, seeds: int = 1
+) -> m.Cell:
+    scores = [
+        m.SeedScore(
+            seed=i,
+            source="cells/x",
+            steps=None if column == "baseline" else 1_000_000,
+            episodes=EPISODES,
+            wins=wins + 7 * i,
+            ties=ties,
+            losses=EPISODES - wins - 7 * i - ties,
+            causes={
+                "goal": EPISODES - wins - ties,
+                "missed": wins - wins // 3,
+                "keeper left": ties,
+                "time": wins // 3,
+            },
+            mean_length=120.5,
+        )
+        for i in range(seeds)
+    ]
+    counts = {"win": [s.wins for s in scores], "win_or_tie": [s.wins + s.ties for s in scores]}
+    games = [EPISODES] * seeds
+    figures = {}
+    for k, (name, count) in enumerate(counts.items()):
+        measured = share(count, games)
+        if published is None:
+            figures[name] = m.Figure(measured=measured, verdict="no published value")
+        else:
+            difference = compared(measured, published_rate(published[k] / 100, EPISODES))
+            figures[name] = m.Figure(
+                measured=measured,
+                published=published[k] / 100,
+                difference=difference,
+                verdict=verdict(difference),
+            )
+    return m.Cell(
+        game=game, column=column, scores=scores, marks=[] if column == "baseline" else MARKS, **figures
+    )
+
+
+def _table(
+    number: int,
+    games: Sequence[str],
+    columns: list[str],
+    rng: np.random.Generator,
+    setting: str = "s1",
+) -> m.Table:
+    rows = []
+    for game in games:
+        row = []
+        for i, column in enumerate(columns):
+            published = PUBLISHED[1][i] if i < len(PUBLISHED[1]) else None
+            win = int(np.clip(rng.integers(20, 800), 0, 900)) if i else 284
+            row.append(_cell(game, column, win, 15, published, seeds=3 if column == "apil" else 1))
+        rows.append(row)
+    if number == 2:
+        rows[1][2] = m.Cell(
+            game=GAMES[1],
+            column=columns[2],
+            win=m.Figure(published=0.65),
+            win_or_tie=m.Figure(published=0.65),
+        )
+        rows[1][3].marks.append("stale")
+    titles = {
+        1: "Adversaries against the original victims",
+        2: "Blinded adversaries",
+        3: "Retrained victims against the baseline adversary",
+        4: "Retrained victims against the E-APIL adversary",
+    }
+    return m.Table(
+        id=f"t{number}-{setting}",
+        number=number,
+        name=f"name{number}",
+        title=titles[number],
+        side="adversary" if number < 3 else "victim",
+        setting=setting,
+        columns=columns,
+        blind="zeros" if number == 2 else None,
+        rows=rows,
+    )
+
+
+def _differences(table: m.Table, row: list[m.Cell]) -> list[m.MethodDifference]:
+    base = row[0]
+    found = []
+    for cell in row[1:]:
+        if cell.win.measured and cell.win_or_tie.measured and base.win.measured and base.win_or_tie.measured:
+            win, tie = (
+                compared(cell.win.measured, base.win.measured),
+                compared(cell.win_or_tie.measured, base.win_or_tie.measured),
+            )
+            found.append(
+                m.MethodDifference(
+                    table=table.id,
+                    setting=table.setting,
+                    game=cell.game,
+                    column=cell.column,
+                    base="baseline",
+                    win=win,
+                    win_or_tie=tie,
+                    win_verdict=verdict(win),
+                    win_or_tie_verdict=verdict(tie),
+                )
+            )
+    return found
+
+
+def _aggregate(column: str, metric: str) -> m.Aggregate:
+    value = 0.1 + 0.1 * (len(column) % 6) + (0.05 if metric == "win_or_tie" else 0)
+    return m.Aggregate(
+        setting="s1",
+        column=column,
+        metric=metric,
+        iqm=value,
+        low=value - 0.06 if column == "apil" else None,  # type: ignore[arg-type]
+        high=value + 0.05 if column == "apil" else None,
+        games=list(GAMES),
+        seeds=1,
+        note="One seed: no interval.",
+    )
+
+
+def _line(rng: np.random.Generator, top: float, n: int = 60, last: int = 1_000_000) -> Line:
+    steps = np.linspace(16_384, last, n).astype(int)
+    value = np.clip(top * (1 - np.exp(-3 * steps / last)) + rng.normal(0, 0.01, n).cumsum() * 0.4, 0, 1)
+    return Line(
+        steps=steps.tolist(),
+        value=value.tolist(),
+        low=np.clip(value - 0.03, 0, 1).tolist(),
+        high=np.clip(value + 0.03, 0, 1).tolist(),
+    )
+
+
+def _point(steps: int, wins: int, ties: int) -> ScorePoint:
+    return ScorePoint(
+        steps=steps, episodes=EPISODES, win=wilson(wins, EPISODES), win_or_tie=wilson(wins + ties, EPISODES)
+    )
+
+
+def _panel(game: str, methods: list[str], rng: np.random.Generator) -> m.CurvePanel:
+    lines = []
+    for i, method in enumerate(methods):
+        win = _line(rng, 0.2 + 0.12 * i)
+        tie = Line(
+            steps=win.steps,
+            value=[min(v + 0.05, 1) for v in win.value],
+            low=win.low,
+            high=[min(v + 0.05, 1) for v in win.high],
+        )
+        found = {
+            "win": win,
+            "win_or_tie": tie,
+            "return": Line(steps=win.steps, value=[20 * v - 10 for v in win.value]),
+        }
+        if "apil" in method:
+            found["imitator"] = Line(steps=win.steps, value=[1.2 - 0.5 * v for v in win.value])
+        lines.append(
+            m.CurveLine(
+                method=method,
+                label=method,
+                seeds=[0],
+                lines=found,
+                band="Wilson interval of the last 1000 games",
+                scores=[_point(1_000_000, int(1000 * win.value[-1]), 50)],
+            )
+        )
+    return m.CurvePanel(game=game, setting="s1", lines=lines, baseline_win=0.284, baseline_win_or_tie=0.299)
+
+
+def _retraining(game: str, method: str, rng: np.random.Generator) -> m.RetrainingCurve:
+    lines = [
+        m.RetrainingLine(opponent=o, win=_line(rng, t), win_or_tie=_line(rng, t + 0.05))
+        for o, t in (("baseline", 0.7), (method, 0.9))
+    ]
+    return m.RetrainingCurve(
+        game=game,
+        method=method,
+        label=method,
+        steps=1_000_000,
+        planned_steps=10_000_000,
+        status="stopped",
+        lines=lines,
+    )
+
+
+def _ablation(rng: np.random.Generator) -> m.Ablation:
+    rows = []
+    for i, value in enumerate(("imitator", "oracle", "noise", "none")):
+        cell = _cell("kick-and-defend", "apil", 300 + 30 * i, 12, None)
+        base = rows[0].cell if rows else None
+        difference = compared(cell.win.measured, base.win.measured) if base else None
+        rows.append(
+            m.AblationRow(
+                value=value,
+                cell=cell,
+                win_difference=difference,
+                win_verdict=verdict(difference) if difference else None,
+                win_or_tie_difference=difference,
+                win_or_tie_verdict=verdict(difference) if difference else None,
+                imitator_error=0.8 if i == 0 else None,
+            )
+        )
+    return m.Ablation(
+        axis="options.apil.prediction",
+        title="what ã is",
+        game="kick-and-defend",
+        method="apil",
+        setting="s1",
+        rows=rows,
+    )
+
+
+def _ending(table: m.Table, row: list[m.Cell], cell: m.Cell) -> m.Endings:
+    score = cell.scores[0] if cell.scores else None
+    return m.Endings(
+        table=table.id,
+        setting=table.setting,
+        game=cell.game,
+        column=cell.column,
+        episodes=score.episodes if score else 0,
+        wins=score.wins if score else 0,
+        ties=score.ties if score else 0,
+        losses=score.losses if score else 0,
+        causes=score.causes if score else {},
+        mean_length=120.0,
+    )
+
+
+def _crossplay(game: str, rng: np.random.Generator) -> m.CrossPlayMatrix:
+    adversaries, victims = COLUMNS, ["original", "vs adrl", "vs apl", "vs apil", "vs e_apil"]
+    wins = rng.integers(50, 900, (5, 5))
+    return m.CrossPlayMatrix(
+        game=game,
+        setting="fast physics, sampled actions",
+        adversaries=adversaries,
+        victims=victims,
+        episodes=EPISODES,
+        win=[[share([int(w)], [EPISODES]) for w in row] for row in wins],
+        win_or_tie=[[share([int(w) + 40], [EPISODES]) for w in row] for row in wins],
+    )
+
+
+def _activations(game: str, rng: np.random.Generator) -> m.Activations:
+    clouds = [
+        m.ActivationCloud(
+            opponent=name,
+            points=[(float(x), float(y)) for x, y in rng.normal(8 * i, 6, (150, 2))],
+            log_likelihood=-90.0 - 14 * i,
+            low=-93.0 - 14 * i,
+            high=-87.0 - 14 * i,
+            games=40,
+        )
+        for i, name in enumerate(COLUMNS)
+    ]
+    return m.Activations(
+        game=game, victim="zoo:kicker-1", layer="LSTM's h", clouds=clouds, notes=["40 games per opponent."]
+    )
+
+
+def _picture() -> str:
+    picture = Image.new("RGB", (1600, 234), (230, 233, 238))
+    for i in range(6):
+        picture.paste((38 + 30 * i, 88, 204 - 20 * i), (20 + 265 * i, 20, 240 + 265 * i, 214))
+    stream = BytesIO()
+    picture.save(stream, "PNG")
+    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode()
+
+
+def _diagnostics(game: str, method: str, rng: np.random.Generator) -> m.Diagnostics:
+    steps = np.linspace(16_384, 1_000_000, 60).astype(int).tolist()
+    kl = (0.02 * np.exp(rng.normal(0, 0.3, 60))).tolist()
+    return m.Diagnostics(
+        game=game,
+        method=method,
+        seed=0,
+        setting="s1",
+        run="cells/x",
+        facts={"kl": kl[-1], "bound": 41.0},
+        lines={
+            "kl": Line(steps=steps, value=kl),
+            "bound": Line(steps=steps, value=[40 + 900 * k**0.5 for k in kl]),
+        },
+        notes=["The bound is far from tight."],
+    )
+
+
+def _claims() -> list[m.Claim]:
+    checks = [
+        m.Check(game=game, verdict="cannot be told", text="31.0 % against 28.4 %: within noise.")
+        for game in GAMES
+    ]
+    return [
+        m.Claim(
+            id="beats baseline",
+            claim="Trained adversaries win more often than the baseline adversary.",
+            published="In 3 of 4 games.",
+            setting="s1",
+            verdict="holds",
+            text="In 3 of 4 games every method does.",
+            checks=checks,
+        ),
+        m.Claim(
+            id="order",
+            claim="E-APIL ≥ APIL ≥ APL ≥ ADRL.",
+            published="In kick-and-defend only.",
+            setting="s1",
+            verdict="cannot be told",
+            text="One seed cannot order methods.",
+            checks=checks,
+        ),
+        m.Claim(
+            id="blinding",
+            claim="APIL survives blinding.",
+            published="Drops by 4 points at most.",
+            setting="s1",
+            verdict="does not hold",
+            text="It loses 21.0 points in sumo-humans.",
+            checks=checks,
+        ),
+    ]
+
+
+def _warnings(nasty: bool) -> list[m.Warning]:
+    return [
+        m.Warning(
+            kind="budget",
+            loud=True,
+            text="Adversaries were trained for 1 M of 35 M steps, 2.9 % of the published budget.",
+            setting="s1",
+        ),
+        m.Warning(
+            kind="seeds",
+            loud=True,
+            text="One seed: no claim about the spread over seeds can be made.",
+            setting="s1",
+        ),
+        m.Warning(
+            kind="physics",
+            loud=True,
+            text="Trained and scored in fast physics; the paper's is the faithful one.",
+            setting="s1",
+        ),
+        m.Warning(
+            kind="ties",
+            loud=False,
+            text="97 % of apl's “win or tie” in sumo-ants are ties.",
+            game="sumo-ants",
+            column="apl",
+        ),
+        m.Warning(
+            kind="tie meaning",
+            loud=False,
+            text=f"A tie here means the keeper left its goal. {NASTY if nasty else ''}",
+            game=GAMES[0],
+        ),
+    ]
+
+
+def _provenance(methods: list[str]) -> m.Provenance:
+    runs = [
+        m.RunFacts(
+            game=game,
+            method=method,
+            seed=0,
+            label="s0-1M",
+            path=f"runs/{game}/{method}",
+            status="finished",
+            steps=1_000_000,
+            planned_steps=1_000_000,
+            hours=0.31,
+            steps_per_second=896.0,
+            physics="fast",
+            victim="zoo:kicker-1",
+            victim_sha256="ab" * 32,
+            host="rack-1",
+            git="0121387deadbeef",
+            versions={"mujoco": "4.0"},
+        )
+        for game in GAMES
+        for method in methods
+    ]
+    return m.Provenance(
+        directories=["runs/quick"],
+        matrices={"runs/quick": {"methods": methods, "games": list(GAMES), "steps": [1_000_000]}},
+        runs=runs,
+        versions={"mujoco": ["4.0.0"], "torch": ["2.13"], "python": ["3.11.2"]},
+        git=["0121387"],
+        hosts=["rack-1 (2 cores)"],
+        hours=5.2,
+        steps=16_000_000,
+        written="2026-11-22 15:00",
+        apil="0.1.0",
+    )

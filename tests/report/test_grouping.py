@@ -1,0 +1,121 @@
+"""What is never mixed into one number."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from core.paper_runs import VICTIM, row
+from core.small_runs import small_config
+
+from apil_core.bench.folder import write_score
+from apil_core.report.evidence import gather
+from apil_core.report.models import Evidence
+from apil_core.rundir import RunDir
+from report.sample import KICK, VICTIMS, result, write_run
+
+TOY = "toy-pursuit"
+ROWS = [row(1000, 100, 50), row(2000, 100, 60)]
+
+
+def _run(path: Path, wins: int, score: dict[str, Any] | None = None, **changes: Any) -> RunDir:
+    run = RunDir(path)
+    config = small_config(**{"method": "adrl", "victim": VICTIM, "steps": 2000, **changes})
+    write_run(run, config, ROWS)
+    run.write_json(run.result_path, {"status": "finished", "steps": 2000})
+    own = {"env": TOY, "trained_steps": 2000, "game_settings": {}, **(score or {})}
+    write_score(run.path, "plain", result(own.pop("env"), wins, 0, 100, **own))
+    return run
+
+
+def _numbers(evidence: Evidence) -> list[list[float]]:
+    """Shares per seed of every cell of table 1."""
+    return [
+        cell.win.measured.per_seed
+        for table in evidence.tables
+        for row in table.rows
+        for cell in row
+        if cell.win.measured is not None
+    ]
+
+
+def _gather(*runs: RunDir) -> Evidence:
+    return gather([run.path for run in runs])
+
+
+def test_seeds_of_one_attack_are_one_number(tmp_path: Path) -> None:
+    runs = [_run(tmp_path / str(seed), 10 * (seed + 1), seed=seed) for seed in (2, 0, 1)]
+    assert _numbers(_gather(*runs)) == [[0.1, 0.2, 0.3]]
+
+
+def test_budgets_are_two_numbers(tmp_path: Path) -> None:
+    short = _run(tmp_path / "a", 10, {"trained_steps": 1024}, seed=1, steps=1024)
+    found = _gather(_run(tmp_path / "b", 20), short)
+    assert _numbers(found) == [[0.2], [0.1]]
+    assert [setting.label for setting in found.settings] == ["2 k steps", "1.02 k steps"]
+
+
+def test_action_modes_and_victims_are_two_numbers(tmp_path: Path) -> None:
+    usual = _run(tmp_path / "a", 10)
+    other = _run(tmp_path / "b", 20, {"adversary_actions": "mode"}, seed=1)
+    third = _run(tmp_path / "c", 30, {"victim": {"name": "baseline:zero/7x2", "sha256": "z"}}, seed=2)
+    found = _gather(usual, other, third)
+    assert sorted(_numbers(found)) == [[0.1], [0.2], [0.3]]
+    how = {(setting.adversary_actions, setting.victim) for setting in found.settings}
+    assert how == {("sample", "default"), ("mode", "default"), ("sample", "baseline:zero/7x2")}
+
+
+def test_physics_are_two_numbers(tmp_path: Path) -> None:
+    faithful = _run(tmp_path / "a", 10, {"game_settings": {"physics": "faithful"}})
+    fast = _run(tmp_path / "b", 20, {"game_settings": {"physics": "fast"}}, seed=1)
+    assert sorted(_numbers(_gather(faithful, fast))) == [[0.1], [0.2]]
+
+
+def test_physics_of_training_and_of_the_score_are_told_apart(tmp_path: Path) -> None:
+    """Both scored in the game as it was made, one trained in cheaper physics."""
+    score = {
+        "env": KICK,
+        "victim": {"name": VICTIMS[KICK], "sha256": ""},
+        "game_settings": {"physics": "faithful"},
+    }
+    own = {"env": KICK, "victim": VICTIMS[KICK]}
+    faithful = _run(tmp_path / "a", 10, score, game={"physics": "faithful"}, **own)
+    fast = _run(tmp_path / "b", 20, score, seed=1, game={"physics": "fast"}, **own)
+    found = _gather(faithful, fast)
+    assert sorted(_numbers(found)) == [[0.1], [0.2]]
+    told = {(setting.trained_physics, setting.physics) for setting in found.settings}
+    assert told == {("faithful", "faithful"), ("fast", "faithful")}
+    assert any("Trained in fast physics" in warning.text for warning in found.warnings)
+
+
+def test_settings_of_the_learner_are_two_numbers_with_their_names(tmp_path: Path) -> None:
+    found = _gather(_run(tmp_path / "a", 10), _run(tmp_path / "b", 20, seed=1, reward={"sparse_weight": 0.5}))
+    assert sorted(_numbers(found)) == [[0.1], [0.2]]
+    assert any("reward.sparse_weight=0.5" in setting.label for setting in found.settings)
+
+
+def test_an_option_of_a_method_is_another_number_with_its_name(tmp_path: Path) -> None:
+    """No axis of a benchmark: told by comparing the runs."""
+    one = _run(tmp_path / "a", 10, method="e_apil")
+    other = _run(tmp_path / "b", 20, method="e_apil", seed=1, options={"e_apil": {"beta": 2.0}})
+    found = _gather(one, other)
+    assert _numbers(found) == [[0.1], [0.2]]
+    assert any("options.e_apil.beta 2.0 instead of" in setting.label for setting in found.settings)
+
+
+def test_a_copy_is_no_second_seed(tmp_path: Path) -> None:
+    found = _gather(_run(tmp_path / "a", 10, seed=3), _run(tmp_path / "b", 20, seed=3))
+    assert _numbers(found) == [[0.1]]
+    assert any(warning.kind == "copies" for warning in found.warnings)
+
+
+def test_a_score_of_an_earlier_end_is_said_to_be_old(tmp_path: Path) -> None:
+    found = _gather(_run(tmp_path / "a", 10, {"trained_steps": 1000}))
+    assert any(warning.kind == "stale" for warning in found.warnings)
+
+
+def test_an_adversary_that_has_not_learnt_is_said_so(tmp_path: Path) -> None:
+    """50 of the first 100 training games won, and 55 of 100 in the end: noise; 90 would be none."""
+    same, better = _gather(_run(tmp_path / "a", 55)), _gather(_run(tmp_path / "b", 90))
+    assert any("not distinguishable" in warning.text for warning in same.warnings)
+    assert not any("not distinguishable" in warning.text for warning in better.warnings)
