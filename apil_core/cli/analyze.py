@@ -1,0 +1,211 @@
+"""``apil analyze``: the verbs that look inside."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Group, Parameter
+
+from apil_core.cli.app import sub_app
+from apil_core.cli.crossplay import names
+from apil_core.cli.flags import PHYSICS_HELP, Json, Plugins, Quiet
+from apil_core.cli.output import console, print_json, table
+from apil_core.cli.progress import make_progress
+from apil_core.config import ActionMode
+from apil_core.errors import ConfigError
+from apil_core.profiles import Profile
+
+if TYPE_CHECKING:
+    from apil_core.activations.models import ActivationMap, LogLikelihood
+    from apil_core.crossplay_players import SharedOptions
+
+app = sub_app("analyze", "Look inside: the victim's activations against each opponent.")
+
+DOCUMENT, PICTURE = "activations.json", "activations.png"
+
+_WHO = Group("Who plays", sort_key=0)
+_WHERE = Group("In which game; the same one for all", sort_key=1)
+_HOW = Group("How much, and how", sort_key=2)
+
+
+def activations(
+    *opponents: Annotated[
+        str,
+        Parameter(
+            name="OPPONENT",
+            required=True,
+            help="Run directories or policies (zoo:GAME/SIDE/v1, …), random, zero.",
+        ),
+    ],
+    victim: Annotated[
+        str | None,
+        Parameter(group=_WHO, help="Whose activations [default: the runs' victim, else the game's]."),
+    ] = None,
+    baseline: Annotated[
+        str | None, Parameter(group=_WHO, help="Opponent of normal play [default: the game's own].")
+    ] = None,
+    labels: Annotated[
+        list[str] | None,
+        names("What opponents are called [default: methods, policy names].", group=_WHO, metavar="LABEL,…"),
+    ] = None,
+    env: Annotated[
+        str | None, Parameter(alias="-e", group=_WHERE, help="Game; needed if no opponent is a run.")
+    ] = None,
+    physics: Annotated[
+        Profile | None,
+        Parameter(group=_WHERE, help=f"Physics profile; {PHYSICS_HELP} [default: the runs', else faithful]."),
+    ] = None,
+    adversary_actions: Annotated[
+        ActionMode | None,
+        Parameter(
+            group=_WHERE, help="Draw the opponents' actions, or take the mode [default: as configured]."
+        ),
+    ] = None,
+    victim_actions: Annotated[
+        ActionMode | None,
+        Parameter(group=_WHERE, help="Draw the victim's actions, or take the mode [default: as configured]."),
+    ] = None,
+    sets: Annotated[
+        list[str] | None,
+        Parameter(
+            name="--set", group=_WHERE, metavar="game.KEY=VALUE", help="One option of the game; repeatable."
+        ),
+    ] = None,
+    games: Annotated[
+        int, Parameter(group=_HOW, help="Games against each; normal play gets as many more to fit on.")
+    ] = 100,
+    steps: Annotated[
+        int, Parameter(group=_HOW, help="Steps of each game in the likelihoods, at most.")
+    ] = 100,
+    points: Annotated[int, Parameter(group=_HOW, help="Points of each opponent in the t-SNE, about.")] = 500,
+    perplexity: Annotated[
+        float, Parameter(group=_HOW, help="Of the t-SNE: about how many neighbours a point keeps near it.")
+    ] = 50.0,
+    components: Annotated[
+        int | None, Parameter(group=_HOW, help="Components of the Gaussian mixture [default: by BIC].")
+    ] = None,
+    variance: Annotated[
+        float, Parameter(group=_HOW, help="Share of normal play's variance that the mixture sees.")
+    ] = 0.99,
+    seed: Annotated[int, Parameter(group=_HOW, help="Seed of the games and of all draws.")] = 0,
+    num_envs: Annotated[
+        int | None,
+        Parameter(group=_HOW, help="Games in parallel; a seed's games depend on it [default: up to 128]."),
+    ] = None,
+    threads: Annotated[
+        int, Parameter(group=_HOW, help="Physics threads; 0: all CPUs. Never changes results.")
+    ] = 0,
+    out: Annotated[
+        Path | None,
+        Parameter(help=f"JSON file, or a directory for {DOCUMENT} and {PICTURE}."),
+    ] = None,
+    picture: Annotated[Path | None, Parameter(help="Picture to draw: .png, .svg or .pdf.")] = None,
+    force: Annotated[bool, Parameter(show_default=False, help="Replace those files if they exist.")] = False,
+    plugin: Plugins | None = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Record the victim's last hidden layer against each opponent: a t-SNE map, and how usual it is.
+
+    Usual means likely under a Gaussian mixture fitted on normal play, games against the game's baseline
+    adversary (Gleave et al. 2020). Intervals are over games; normal play is scored on games of its own.
+    """
+    from apil_core.activations.analysis import Sampling, analyze
+    from apil_core.activations.picture import draw_activations
+    from apil_core.crossplay_labels import labelled
+
+    out, picture = _places(out, picture, force)
+    options: SharedOptions = {
+        "env": env,
+        "physics": physics,
+        "adversary_actions": adversary_actions,
+        "victim_actions": victim_actions,
+        "sets": sets or [],
+        "plugin_files": [str(path) for path in plugin or ()],
+        "threads": threads,
+        "trust": True,  # whoever names a policy on the command line wants its code to run
+    }
+    with make_progress(quiet=quiet) as progress:
+        found = analyze(
+            labelled(opponents, labels, env, side="adversary"),
+            victim=victim,
+            baseline=baseline,
+            sampling=Sampling(games, steps, points, perplexity, components, variance),
+            seed=seed,
+            num_envs=num_envs,
+            command=["apil", *sys.argv[1:]],
+            progress=progress,
+            **options,
+        )
+    if out is not None:
+        found.write(out)
+    if picture is not None:
+        draw_activations(found, picture)
+    if as_json:
+        print_json(found)
+    else:
+        _print(found, out, picture)
+
+
+app.command(activations)
+
+
+def _places(out: Path | None, picture: Path | None, force: bool) -> tuple[Path | None, Path | None]:
+    """Where document and picture go; checked before minutes of playing."""
+    from apil_core.crossplay_file import check_place
+    from apil_core.curve_picture import check_picture
+
+    if out is not None and out.suffix != ".json":
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigError(f"--out {out}: {error.strerror}") from error
+        out, picture = out / DOCUMENT, picture or out / PICTURE
+    if picture is not None:
+        check_picture(picture)
+    for path in (out, picture):
+        if path is not None:
+            check_place(path)
+            if path.exists() and not force:
+                raise ConfigError(f"{path} exists already; choose another name, or --force to replace it")
+    return out, picture
+
+
+def _print(found: ActivationMap, out: Path | None, picture: Path | None) -> None:
+    from apil_core.cli.readout import game_name
+
+    screen = console()
+    title = f"{found.victim} in {game_name(found.env, found.physics)}: {found.layer}, {found.units} units"
+    screen.print(title, style="bold", markup=False)
+    rows = table("opponent", "games>", "log-likelihood, nats>", "to baseline>", "", "seen>")
+    for label, each in zip(found.opponents, found.log_likelihood, strict=True):
+        interval = f"{each.mean:.1f} [{each.low:.1f}, {each.high:.1f}]".replace("[", r"\[")
+        rows.add_row(label, str(each.n), interval, *_gap(each), f"{100 * each.explained:.1f} %")
+    screen.print(rows)
+    for line in _facts(found):
+        screen.print(line, markup=False)
+    for name, path in (("document", out), ("picture", picture)):
+        if path is not None:
+            screen.print(f"{name:<10} {path}", markup=False)
+
+
+def _gap(each: LogLikelihood) -> tuple[str, str]:
+    gap = each.to_baseline
+    if gap is None:
+        return "–", ""
+    text = f"{gap.value:+.1f} [{gap.low:.1f}, {gap.high:.1f}]".replace("[", r"\[")
+    return text, "within noise" if gap.within_noise else ""
+
+
+def _facts(found: ActivationMap) -> list[str]:
+    tried = ", ".join(f"{count}: {value:,.0f}" for count, value in found.bic.items())
+    return [
+        f"density    {found.components} components over {found.dimensions} principal directions, "
+        f"{100 * found.explained:.1f} % of the variance (BIC by components: {tried})",
+        f"fitted on  {found.games_per_opponent} other games of normal play: {found.fitted:.1f} nats on these",
+        "intervals  95 %, bootstrap over games; seen: share of the deviation in directions the density sees",
+        f"t-SNE      {sum(map(len, found.points)):,} points, perplexity {found.perplexity:g}",
+        f"seed       {found.seed}, {found.num_envs} games in parallel",
+    ]

@@ -1,0 +1,141 @@
+"""``apil crossplay``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Group, Parameter
+
+from apil_core.cli.flags import PHYSICS_HELP, Json, Plugins, Quiet
+from apil_core.cli.output import print_json
+from apil_core.cli.progress import make_progress
+from apil_core.config import ActionMode
+from apil_core.profiles import Profile
+
+if TYPE_CHECKING:
+    from apil_core.crossplay_players import SharedOptions
+
+_WHO = Group("Who plays", sort_key=0)
+_WHERE = Group("In which game; the same one for all", sort_key=1)
+
+
+def listed(_: Any, tokens: Any) -> list[str]:
+    """Words between commas, of one flag or of several."""
+    words = [word.strip() for token in tokens for word in token.value.split(",")]
+    if not all(words):
+        raise ValueError("an empty word between commas")
+    return words
+
+
+def names(text: str, **options: Any) -> Parameter:
+    """A flag that takes words between commas."""
+    return Parameter(help=text, converter=listed, negative=(), **options)
+
+
+def crossplay(
+    *,
+    adversaries: Annotated[
+        list[str],
+        names(
+            "Run directories or policies (zoo:GAME/SIDE/v1, …), random, zero.", group=_WHO, metavar="NAME,…"
+        ),
+    ],
+    victims: Annotated[
+        list[str],
+        names("Policies or directories, named likewise; auto: the game's.", group=_WHO, metavar="NAME,…"),
+    ],
+    labels: Annotated[
+        list[str] | None,
+        names("What rows are called [default: methods, policy names].", group=_WHO, metavar="LABEL,…"),
+    ] = None,
+    victim_labels: Annotated[
+        list[str] | None,
+        names("What columns are called [default: original, names].", group=_WHO, metavar="LABEL,…"),
+    ] = None,
+    env: Annotated[
+        str | None, Parameter(alias="-e", group=_WHERE, help="Game; needed if no adversary is a run.")
+    ] = None,
+    physics: Annotated[
+        Profile | None,
+        Parameter(group=_WHERE, help=f"Physics profile; {PHYSICS_HELP} [default: the runs', else faithful]."),
+    ] = None,
+    adversary_actions: Annotated[
+        ActionMode | None,
+        Parameter(group=_WHERE, help="Draw actions, or take the mode [default: as configured]."),
+    ] = None,
+    victim_actions: Annotated[
+        ActionMode | None,
+        Parameter(group=_WHERE, help="Draw actions, or take the mode [default: as configured]."),
+    ] = None,
+    sets: Annotated[
+        list[str] | None,
+        Parameter(
+            name="--set", group=_WHERE, metavar="game.KEY=VALUE", help="One option of the game; repeatable."
+        ),
+    ] = None,
+    episodes: Annotated[int, Parameter(help="Games of each pairing; 300 give ± 6 points at 50 %.")] = 300,
+    seed: Annotated[
+        int, Parameter(help="Seed of the games and of all draws, the same for each pairing.")
+    ] = 0,
+    num_envs: Annotated[
+        int | None, Parameter(help="Games in parallel; a seed's games depend on it [default: up to 128].")
+    ] = None,
+    threads: Annotated[int, Parameter(help="Physics threads; 0: all CPUs. Never changes results.")] = 0,
+    out: Annotated[
+        Path | None,
+        Parameter(help="Keep the scores in this JSON file, and play only pairings that are not yet in it."),
+    ] = None,
+    picture: Annotated[
+        Path | None, Parameter(help="Draw a heat map: .png, .svg or .pdf; replaced if it exists.")
+    ] = None,
+    plugin: Plugins | None = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Score every adversary against every victim, with Wilson 95 % intervals.
+
+    Everybody is loaded and checked before the first game. With --out, the same command continues where it
+    was stopped, also with players added; a file that was made with other settings is refused.
+    """
+    from apil_core.cli.crossplay_table import print_crossplay
+    from apil_core.crossplay import crossplay as play
+    from apil_core.crossplay_document import comparisons
+    from apil_core.crossplay_file import check_place
+    from apil_core.crossplay_labels import labelled
+    from apil_core.crossplay_picture import draw_crossplay
+    from apil_core.curve_picture import check_picture
+
+    if picture is not None:
+        check_picture(picture)
+        check_place(picture)
+    options: SharedOptions = {
+        "env": env,
+        "physics": physics,
+        "adversary_actions": adversary_actions,
+        "victim_actions": victim_actions,
+        "sets": sets or [],
+        "plugin_files": [str(path) for path in plugin or ()],
+        "threads": threads,
+        "trust": True,  # whoever names a policy on the command line wants its code to run
+    }
+    with make_progress(quiet=quiet) as progress:
+        document = play(
+            labelled(adversaries, labels, env, side="adversary"),
+            labelled(victims, victim_labels, env, side="victim"),
+            episodes=episodes,
+            seed=seed,
+            num_envs=num_envs,
+            out=out,
+            command=["apil", *sys.argv[1:]],
+            progress=progress,
+            **options,
+        )
+    if picture is not None:
+        draw_crossplay(document, picture)
+    if as_json:
+        compared = [each.model_dump(mode="json") for each in comparisons(document)]
+        print_json({**document.model_dump(mode="json"), "comparisons": compared})
+    else:
+        print_crossplay(document, out, picture)

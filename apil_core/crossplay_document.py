@@ -1,0 +1,141 @@
+"""What cross-play found, as data: a score for every adversary against every victim."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Literal, Self, get_args
+
+from pydantic import BaseModel, ValidationError, model_validator
+
+from apil_core.circumstances import PolicyId
+from apil_core.difference import Difference, difference
+from apil_core.errors import ConfigError
+from apil_core.evaluation import EvaluationResult, Rate
+from apil_core.files import write_atomically
+
+Share = Literal["win", "win_or_tie"]
+"""Games the adversary won; games it did not lose."""
+
+SHARES: tuple[Share, ...] = get_args(Share)
+
+
+class Player(PolicyId):
+    """Who played.
+
+    Attributes:
+        label: what rows and columns are called.
+        method, seed: of the run that trained it, or ``None`` for other policies.
+    """
+
+    label: str
+    method: str | None = None
+    seed: int | None = None
+
+
+class CrossPlay(BaseModel):
+    """Every adversary against every victim of one game.
+
+    Attributes:
+        scores: (adversaries, victims), the adversary's; ``None`` where nothing has been played yet.
+        created: when, ISO 8601 with time zone.
+        command: what made it.
+    """
+
+    env: str
+    adversaries: list[Player]
+    victims: list[Player]
+    scores: list[list[EvaluationResult | None]]
+    created: str
+    command: list[str] = []
+
+    @model_validator(mode="after")
+    def _rectangular(self) -> Self:
+        if [len(row) for row in self.scores] != [len(self.victims)] * len(self.adversaries):
+            raise ValueError("scores must have a row for each adversary and a column for each victim")
+        return self
+
+    @property
+    def played(self) -> list[EvaluationResult]:
+        """The scores there are, row by row."""
+        return [score for row in self.scores for score in row if score is not None]
+
+    @property
+    def complete(self) -> bool:
+        """Whether every pairing has been played."""
+        return all(score is not None for row in self.scores for score in row)
+
+    def score(self, adversary: str, victim: str) -> EvaluationResult | None:
+        """The score of two players, by label; ``None`` if it is not there."""
+        rows, columns = ([player.label for player in side] for side in (self.adversaries, self.victims))
+        if adversary not in rows or victim not in columns:
+            return None
+        return self.scores[rows.index(adversary)][columns.index(victim)]
+
+    def write(self, path: Path) -> None:
+        """Write it as JSON, whole or not at all.
+
+        Raises:
+            RunDirError: the file cannot be written; what was there before is untouched.
+        """
+        text = self.model_dump_json(indent=1)
+        write_atomically(path, lambda file: file.write(text.encode()))
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """What :meth:`write` wrote.
+
+        Raises:
+            ConfigError: it is not there, or something else.
+        """
+        try:
+            return cls.model_validate_json(path.read_text("utf-8"))
+        except FileNotFoundError:
+            raise ConfigError(f"{path}: no such file") from None
+        except (OSError, ValidationError, UnicodeDecodeError) as error:
+            raise ConfigError(f"{path}: this is no document of apil crossplay") from error
+
+
+class Comparison(BaseModel):
+    """A cell beside the first one of its column (another adversary) or of its row (another victim)."""
+
+    share: Share
+    adversary: str
+    victim: str
+    base_adversary: str
+    base_victim: str
+    difference: Difference
+
+
+def share_of(score: EvaluationResult, share: Share) -> Rate:
+    """That share with its interval."""
+    return score.win_rate if share == "win" else score.win_or_tie_rate
+
+
+def comparisons(document: CrossPlay) -> list[Comparison]:
+    """Every cell beside the first row's and the first column's, with Newcombe's 95 % intervals."""
+    return [found for share in SHARES for found in _comparisons(document, share)]
+
+
+def _comparisons(document: CrossPlay, share: Share) -> Iterator[Comparison]:
+    for i, row in enumerate(document.scores):
+        for j, score in enumerate(row):
+            bases = ([(0, j)] if i else []) + ([(i, 0)] if j else [])
+            for a, v in bases:
+                base = document.scores[a][v]
+                if score is not None and base is not None:
+                    yield Comparison(
+                        share=share,
+                        adversary=document.adversaries[i].label,
+                        victim=document.victims[j].label,
+                        base_adversary=document.adversaries[a].label,
+                        base_victim=document.victims[v].label,
+                        difference=_difference(score, base, share),
+                    )
+
+
+def _difference(score: EvaluationResult, base: EvaluationResult, share: Share) -> Difference:
+    counts: Sequence[int] = [
+        each.wins + (each.ties if share == "win_or_tie" else 0) for each in (score, base)
+    ]
+    return difference(counts[0], score.episodes, counts[1], base.episodes)

@@ -1,0 +1,108 @@
+"""The document of cross-play on disk: written with every pairing, and continued."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from apil_core.crossplay_document import CrossPlay, Player
+from apil_core.crossplay_players import Lineup, settings
+from apil_core.errors import ConfigError
+from apil_core.evaluation import EvaluationResult
+from apil_core.files import why_unwritable
+
+
+class CrossPlayFile:
+    """One JSON document; written anew, and whole, with every pairing.
+
+    Args:
+        path: created with the first pairing if it is not there.
+
+    Raises:
+        ConfigError: no file can be written there, or it holds something else.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        check_place(path)
+        self._read()
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep other processes from the file.
+
+        Raises:
+            ConfigError: another one has it.
+        """
+        try:
+            with FileLock(self.path.with_name(f".{self.path.name}.lock"), timeout=0):
+                yield
+        except Timeout as error:
+            raise ConfigError(f"{self.path}: another apil crossplay is writing to it") from error
+
+    def take(self, into: CrossPlay, lineup: Lineup, episodes: int) -> None:
+        """Fill ``into`` with the pairings that are in the file.
+
+        Raises:
+            ConfigError: one of them was played with something else than what would be played now, or by
+                somebody who does not play now.
+        """
+        stored = self._read()
+        if stored is None:
+            return
+        self._check(stored.env, into.env, "the games are of", "")
+        for then, now, side in (
+            (stored.adversaries, into.adversaries, "adversary"),
+            (stored.victims, into.victims, "victim"),
+        ):
+            self._check_players(then, now, side)
+        expected = settings(lineup.setting, episodes)
+        for i, adversary in enumerate(into.adversaries):
+            for j, victim in enumerate(into.victims):
+                score = stored.score(adversary.label, victim.label)
+                if score is not None:
+                    self._check_settings(score, expected)
+                    into.scores[i][j] = score
+        into.created = stored.created
+
+    def _read(self) -> CrossPlay | None:
+        return CrossPlay.read(self.path) if self.path.exists() else None
+
+    def _check_players(self, then: Sequence[Player], now: Sequence[Player], side: str) -> None:
+        here = {player.label: player for player in now}
+        for player in then:
+            if player.label not in here:
+                raise ConfigError(
+                    f"{self.path} holds games of {side} {player.label}, whom this call does not name: name "
+                    "all players it has (and any others), or take another --out file"
+                )
+            self._check(player.sha256, here[player.label].sha256, f"{side} {player.label} was", "SHA-256 ")
+
+    def _check_settings(self, score: EvaluationResult, expected: dict[str, Any]) -> None:
+        for key, then in settings(score, score.episodes).items():
+            self._check(then, expected.get(key), "games were played with", f"{key} ")
+
+    def _check(self, then: Any, now: Any, what: str, unit: str) -> None:
+        if then != now:
+            raise ConfigError(
+                f"{self.path}: {what} {unit}{then}, this call has {now}: take another --out file, or the "
+                "same players and settings"
+            )
+
+
+def check_place(path: Path) -> None:
+    """Whether a file can be written there: hours later would be too late.
+
+    Raises:
+        ConfigError: it cannot.
+    """
+    if path.is_dir():
+        raise ConfigError(f"{path}: is a directory")
+    if not path.parent.is_dir():
+        raise ConfigError(f"{path}: its directory does not exist")
+    if (reason := why_unwritable(path.parent)) is not None:
+        raise ConfigError(f"{path}: cannot be written: {reason}")

@@ -1,0 +1,106 @@
+"""Cross-play as a heat map: one panel for games won, one for games won or tied."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from matplotlib import style
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+from apil_core import colours
+from apil_core.chart_style import GREY, STYLE
+from apil_core.crossplay_document import SHARES, CrossPlay, Share, share_of
+from apil_core.curve_picture import check_picture
+from apil_core.files import write_atomically
+from apil_core.game import Colour
+
+_TITLES: dict[Share, str] = {
+    "win": "games won by the adversary, %",
+    "win_or_tie": "games won or tied by the adversary, %",
+}
+_CELL = (1.35, 0.62)  # inches
+_LETTER = 0.085  # inches, of the labels' font
+_DARK = 0.33
+"""How far from 50 % a cell may be with dark letters on it."""
+
+
+def draw_crossplay(document: CrossPlay, path: Path) -> None:
+    """Draw a document with at least one score, atomically; a file of that name is replaced.
+
+    Args:
+        document: what was played; pairings that were not are left blank.
+        path: of the picture; see :data:`apil_core.curve_picture.FORMATS`.
+
+    Raises:
+        ApilError: the file cannot be written, or not in that format.
+    """
+    check_picture(path)
+    with style.context(["default", STYLE, {"axes.grid": False, "axes.spines.left": False}]):
+        figure = _figure(document)
+        kind = path.suffix[1:].lower()
+        write_atomically(path, lambda file: figure.savefig(file, format=kind, dpi=150))
+
+
+def _figure(document: CrossPlay) -> Figure:
+    rows = [player.label for player in document.adversaries]
+    columns = [player.label for player in document.victims]
+    names = _LETTER * max(map(len, rows))
+    cell = max(_CELL[0], _LETTER * max(map(len, columns)) + 0.2)
+    size = (max(2 * len(columns) * cell + names + 0.9, 8.6), len(rows) * _CELL[1] + 1.7)
+    figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08))
+    axes = figure.subplots(1, 2, squeeze=False)[0]
+    for axis, share in zip(axes, SHARES, strict=True):
+        _panel(axis, document, share)
+        axis.set_title(_TITLES[share])
+        axis.set_xticks(range(len(columns)), columns)
+        axis.set_yticks(range(len(rows)), rows if share == "win" else [""] * len(rows))
+        axis.set_xlabel("victim")
+        axis.tick_params(length=0)
+        axis.spines[:].set_visible(False)
+    axes[0].set_ylabel("adversary")
+    some = document.played[0]
+    physics = f", {some.physics} physics" if some.physics else ""
+    figure.suptitle(
+        f"Every adversary against every victim in {document.env}{physics}",
+        x=0.01,
+        ha="left",
+        size=12,
+        weight="bold",
+    )
+    facts = f"{some.episodes:,} games a cell, seed {some.seed}. Brackets: Wilson 95 % intervals."
+    figure.supxlabel(
+        f"{facts} Red: the adversary's games; blue: the victim's.", x=0.01, ha="left", fontsize=8, color=GREY
+    )
+    return figure
+
+
+def _panel(axis: Axes, document: CrossPlay, share: Share) -> None:
+    values = [
+        [float("nan") if score is None else share_of(score, share).value for score in row]
+        for row in document.scores
+    ]
+    axis.imshow(values, cmap=_colour_map(), vmin=0, vmax=1, aspect="auto")
+    for i, row in enumerate(document.scores):
+        for j, score in enumerate(row):
+            if score is None:
+                continue
+            rate = share_of(score, share)
+            text = f"{100 * rate.value:.1f}\n[{100 * rate.low:.1f}, {100 * rate.high:.1f}]"
+            dark = abs(rate.value - 0.5) < _DARK
+            axis.text(j, i, text, ha="center", va="center", fontsize=9, color="#1d2127" if dark else "white")
+    axis.set_xticks([j + 0.5 for j in range(len(document.victims) - 1)], minor=True)
+    axis.set_yticks([i + 0.5 for i in range(len(document.adversaries) - 1)], minor=True)
+    axis.tick_params(which="minor", length=0)
+    axis.grid(which="minor", color="white", linewidth=2)
+
+
+def _colour_map() -> LinearSegmentedColormap:
+    """From the victim's colour by white to the adversary's, whose share it shows."""
+    white: Colour = (250, 250, 250)
+    stops = [
+        tuple(channel / 255 for channel in colour) for colour in (colours.VICTIM, white, colours.ADVERSARY)
+    ]
+    return LinearSegmentedColormap.from_list("sides", stops)
