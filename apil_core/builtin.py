@@ -8,10 +8,22 @@ from apil_core.specs import RecorderSpec
 
 @hookimpl
 def register_recorders() -> list[RecorderSpec]:
-    """Metrics as JSON lines and as TensorBoard events."""
+    """Metrics as JSON lines, as TensorBoard events, and to experiment trackers."""
     return [
         RecorderSpec(
             "jsonl", "apil_core.recorders:JsonlRecorder", "metrics.jsonl, one line per row of metrics"
         ),
         RecorderSpec("tensorboard", "apil_core.recorders:TensorBoardRecorder", "events for TensorBoard"),
+        RecorderSpec(
+            "wandb",
+            "apil_core.trackers.wandb_recorder:WandbRecorder",
+            "a tracked run at Weights & Biases, online or offline (docs/trackers.md)",
+            check="apil_core.trackers.wandb_recorder:check",
+        ),
+        RecorderSpec(
+            "trackio",
+            "apil_core.trackers.trackio_recorder:TrackioRecorder",
+            "a tracked run in Trackio, local by default (docs/trackers.md)",
+            check="apil_core.trackers.trackio_recorder:check",
+        ),
     ]

@@ -6,11 +6,13 @@ What a row says stays true at any k: curves, listings and TensorBoard read merge
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from pathlib import Path
 from typing import Any, Protocol
 
 from apil_core.config import RunConfig
+from apil_core.specs import RecorderSpec, load
 
 Row = dict[str, float]
 
@@ -21,13 +23,28 @@ _PER_GAME = ("return/", "episode_length")
 
 
 class Recorder(Protocol):
-    """What ``register_recorders`` offers."""
+    """What ``register_recorders`` offers.
+
+    One may also have ``summarize(scores)``, which gets the final scores (``final/win`` and the like), and
+    ``dispensable = True``: if it fails, the run goes on without it.
+    """
 
     def record(self, metrics: Mapping[str, float]) -> None:
         """Take in one row."""
 
     def close(self) -> None:
         """Nothing follows."""
+
+
+def open_recorders(specs: Iterable[RecorderSpec], run_dir: Path) -> list[Recorder]:
+    """Recorders of a run; if one cannot begin, those before it are closed again."""
+    with ExitStack() as stack:
+        opened: list[Recorder] = []
+        for spec in specs:
+            opened.append(load(spec.factory)(run_dir))
+            stack.callback(opened[-1].close)
+        stack.pop_all()
+    return opened
 
 
 def iterations_per_row(config: RunConfig) -> int:
@@ -48,15 +65,23 @@ class RowLog:
         recorders: who gets the rows.
         every: k, at least 1. At 1 rows are the iterations' metrics, untouched.
         pending: metrics of iterations that are in no row yet, from a checkpoint.
+        note: who is told, in one line, of a dispensable recorder that failed.
 
     Attributes:
         pending: as the argument, by now; each with its number of environment steps as ``row_steps``.
     """
 
-    def __init__(self, recorders: Sequence[Recorder], every: int, pending: Iterable[Row] = ()):
-        self.recorders = recorders
+    def __init__(
+        self,
+        recorders: Sequence[Recorder],
+        every: int,
+        pending: Iterable[Row] = (),
+        note: Callable[[str], None] = lambda text: None,
+    ):
+        self.recorders = list(recorders)
         self.every = every
         self.pending = list(pending)
+        self._note = note
         self._failed = False
 
     def record(self, metrics: Mapping[str, float], steps: int) -> None:
@@ -66,21 +91,59 @@ class RowLog:
         if evaluated or int(metrics["iteration"]) % self.every == 0:
             self._write()
 
+    def summarize(self, scores: Mapping[str, float]) -> None:
+        """Write what is pending, and hand the final scores to the recorders that want them."""
+        if self.pending:
+            self._write()
+        for recorder in self.recorders.copy():
+            summarize = getattr(recorder, "summarize", None)
+            if summarize is not None:
+                self._ask(recorder, summarize, scores)
+
     def close(self) -> None:
         """Write what is pending, and close the recorders whatever is raised."""
         with ExitStack() as stack:
             for recorder in self.recorders:
-                stack.callback(recorder.close)
+                stack.callback(self._close, recorder)
             if self.pending and not self._failed:
                 self._write()
 
     def _write(self) -> None:
         row = merged(self.pending)
         self._failed = True  # some recorders may have the row by then: it is not for them to get twice
-        for recorder in self.recorders:
-            recorder.record(row)
+        for recorder in self.recorders.copy():
+            self._ask(recorder, recorder.record, row)
         self._failed = False
         self.pending = []
+
+    def _ask(
+        self, recorder: Recorder, method: Callable[[Mapping[str, float]], None], row: Mapping[str, float]
+    ) -> None:
+        """Call one of a recorder's methods; a dispensable one that fails is asked no more."""
+        try:
+            method(row)
+        except Exception as error:
+            if not getattr(recorder, "dispensable", False):
+                raise
+            self.recorders.remove(recorder)
+            self._tell_of(recorder, error, "; the run goes on without it")
+            with suppress(Exception):  # it may well fail again
+                recorder.close()
+
+    def _close(self, recorder: Recorder) -> None:
+        if recorder not in self.recorders:  # it failed just now, and is closed
+            return
+        try:
+            recorder.close()
+        except Exception as error:
+            if not getattr(recorder, "dispensable", False):
+                raise
+            self._tell_of(recorder, error, "")
+
+    def _tell_of(self, recorder: Recorder, error: Exception, consequence: str) -> None:
+        name = getattr(recorder, "name", type(recorder).__name__)
+        reason = " ".join(f"{error}".split()) or type(error).__name__
+        self._note(f"recorder {name} failed: {reason}{consequence}")
 
 
 def iterations_in_rows(state: Mapping[str, Any]) -> int:

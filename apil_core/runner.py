@@ -25,6 +25,7 @@ from apil_core.registry import default_plugins
 from apil_core.rundir import RunDir, part_of_rank
 from apil_core.session import RunResult as RunResult
 from apil_core.session import Session
+from apil_core.specs import load
 from apil_core.trainer import Trainer
 
 
@@ -167,6 +168,8 @@ def _trainer(config: RunConfig, registry: PluginRegistry, world: World) -> Train
     for name in config.recorders:
         if name not in registry.recorders:
             raise UnknownNameError("recorder", name, registry.recorders)
+        if registry.recorders[name].check and world.is_main:
+            load(registry.recorders[name].check)()
     return Trainer(build(config, registry, world=world), registry)
 
 

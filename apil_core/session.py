@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import signal
-import threading
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
-from types import FrameType
 from typing import Any, Literal
 
 from pydantic import BaseModel
@@ -17,13 +14,13 @@ from apil_core.distributed.join import in_contact
 from apil_core.errors import ApilError
 from apil_core.evaluation import EvaluationResult
 from apil_core.files import sha256
-from apil_core.log_rows import Row, RowLog, iterations_per_row
+from apil_core.log_rows import Row, RowLog, iterations_per_row, open_recorders
 from apil_core.memory import resident_mb
 from apil_core.plugins import PluginRegistry
 from apil_core.progress import Progress
 from apil_core.rundir import RunDir, part_of_rank
 from apil_core.seats import victim_name
-from apil_core.specs import load
+from apil_core.stop_signal import Stopped, StopWish
 from apil_core.torch_threads import one_torch_thread
 from apil_core.trainer import Trainer
 
@@ -62,20 +59,20 @@ class Session:
         self.config = trainer.config
         self.world = trainer.world
         names = self.config.recorders if self.world.is_main else ()
-        recorders = [load(plugins.recorders[name].factory)(run_dir.path) for name in names]
-        self.log = RowLog(recorders, iterations_per_row(self.config), pending_rows)
+        recorders = open_recorders([plugins.recorders[name] for name in names], run_dir.path)
+        self.log = RowLog(recorders, iterations_per_row(self.config), pending_rows, progress.note)
         self.victim = victim_name(self.config, plugins)
         self._saved_iteration = -1
-        self._stop = False
+        self._wish = StopWish(progress)
 
     def go(self) -> RunResult:
         """Train until the budget is used up or somebody stops it; always leaves a checkpoint."""
         trainer, hooks = self.trainer, self.trainer.attack.hooks
         self.progress.started(self.config, self.run_dir.path, self.victim, trainer.steps)
         try:
-            with hooks.attribution(), in_contact(), self._stop_on_signal(), one_torch_thread():
+            with hooks.attribution(), in_contact(), self._wish.listening(), one_torch_thread():
                 self._hook.run_started(run=trainer)
-                while not trainer.finished and not self.world.any(self._stop):
+                while not trainer.finished and not self.world.any(self._wish.asked):
                     self._iteration()
                 self.save()
                 status, evaluation = self._finish()
@@ -125,7 +122,7 @@ class Session:
         metrics["memory_mb"] = resident_mb()
         every = self.config.evaluation.every_steps
         if every and before // every < trainer.steps // every:
-            with suppress(_Stopped):
+            with suppress(Stopped):
                 result = self._evaluate(self.config.evaluation.periodic_episodes)
                 metrics.update(_evaluation_metrics(result))
         self.log.record(metrics, trainer.steps - before)
@@ -154,10 +151,13 @@ class Session:
         """The score at the end, unless somebody stops it; the other processes wait for the first one's."""
         status: Literal["finished", "interrupted"] = "interrupted"
         evaluation = None
-        if self.world.is_main and self.trainer.finished and not self._stop:
-            with suppress(_Stopped):  # the checkpoint is written already
+        if self.world.is_main and self.trainer.finished and not self._wish.asked:
+            with suppress(Stopped):  # the checkpoint is written already
                 evaluation = self._final_evaluation()
                 status = "finished"
+        if evaluation is not None:
+            scores = _evaluation_metrics(evaluation, "final")
+            self.log.summarize({"final/steps": self.trainer.steps, **scores})
         status = self.world.share(status)
         if status == "finished":
             self._hook.run_finished(run=self.trainer)
@@ -177,7 +177,7 @@ class Session:
             )
 
     def _evaluate(self, episodes: int, **identity: str) -> EvaluationResult:
-        result = self.trainer.evaluate(episodes, _StoppableProgress(self), **identity)
+        result = self.trainer.evaluate(episodes, self._wish.progress, **identity)
         self.progress.evaluation(result, self.trainer.steps)
         return result
 
@@ -209,54 +209,17 @@ class Session:
         self.trainer.attack.game.close()
         self.trainer.side_games.close()
 
-    @contextmanager
-    def _stop_on_signal(self) -> Iterator[None]:
-        """First Ctrl-C (or SIGTERM): finish the iteration, checkpoint, return. Second: at once."""
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
 
-        def handle(number: int, frame: FrameType | None) -> None:
-            if self._stop:
-                raise KeyboardInterrupt
-            self._stop = True
-            with suppress(RuntimeError):  # the signal may have come in the middle of a print
-                self.progress.note("stopping after this iteration, with a checkpoint (once more: at once)")
-
-        previous = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            yield
-        finally:
-            for number, old in previous.items():
-                signal.signal(number, old)
-
-
-class _Stopped(Exception):  # noqa: N818  (no error: the user asked for it)
-    """Ctrl-C during an evaluation."""
-
-
-class _StoppableProgress(Progress):
-    """Passes an evaluation's progress on, and breaks it off when the session is to stop."""
-
-    def __init__(self, session: Session):
-        self._session = session
-
-    def evaluation_progress(self, done: int, total: int) -> None:
-        if self._session._stop:
-            raise _Stopped
-        self._session.progress.evaluation_progress(done, total)
-
-
-def _evaluation_metrics(result: EvaluationResult) -> dict[str, float]:
+def _evaluation_metrics(result: EvaluationResult, prefix: str = "evaluation") -> dict[str, float]:
     rates: dict[str, Any] = {
         "win": result.win_rate,
         "tie": result.tie_rate,
         "loss": result.loss_rate,
         "win_or_tie": result.win_or_tie_rate,
     }
-    metrics: dict[str, float] = {"evaluation/episodes": result.episodes}
+    metrics: dict[str, float] = {f"{prefix}/episodes": result.episodes}
     for name, rate in rates.items():
-        metrics[f"evaluation/{name}"] = rate.value
-        metrics[f"evaluation/{name}_low"] = rate.low
-        metrics[f"evaluation/{name}_high"] = rate.high
+        metrics[f"{prefix}/{name}"] = rate.value
+        metrics[f"{prefix}/{name}_low"] = rate.low
+        metrics[f"{prefix}/{name}_high"] = rate.high
     return metrics

@@ -169,12 +169,21 @@ class PolicyListing:
 
 @dataclass(frozen=True)
 class RecorderSpec:
-    """A sink of metrics; ``factory`` is called with the run directory and returns an object with
-    ``record(metrics)`` and ``close()``."""
+    """A sink of metrics.
+
+    Attributes:
+        name: what the key ``recorders`` takes.
+        factory: ``"module:callable"``; called with the run directory, returns an object with
+            ``record(metrics)`` and ``close()``, see :class:`apil_core.log_rows.Recorder`.
+        summary: one line.
+        check: ``"module:callable"`` or empty; called before anything is built, raises
+            :class:`apil_core.ApilError` if the recorder cannot work here.
+    """
 
     name: str
     factory: str
     summary: str = ""
+    check: str = ""
 
 
 def load(reference: str) -> Any:

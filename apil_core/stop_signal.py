@@ -1,0 +1,76 @@
+"""Ctrl-C and SIGTERM as a wish, not a blow: whoever works decides where to stop."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
+from types import FrameType
+
+from apil_core.progress import Progress
+
+
+@contextmanager
+def on_stop_signal(asked: Callable[[], None]) -> Iterator[None]:
+    """Call ``asked`` for each SIGINT or SIGTERM meanwhile. Outside the main thread nothing changes.
+
+    Args:
+        asked: called in the main thread, between any two of its steps; what it raises goes on from there.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        asked()
+
+    previous = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, old in previous.items():
+            signal.signal(number, old)
+
+
+class Stopped(Exception):  # noqa: N818  (no error: the user asked for it)
+    """Ctrl-C during an evaluation."""
+
+
+class StopWish:
+    """The first signal asks training to end after its iteration; the second one ends it at once.
+
+    Attributes:
+        asked: whether there was one.
+        progress: passes an evaluation's progress on, and breaks it off with :class:`Stopped` once asked.
+
+    Args:
+        progress: told of the wish, and of evaluations.
+    """
+
+    def __init__(self, progress: Progress):
+        self.asked = False
+        self.progress: Progress = _StoppableProgress(self, progress)
+        self._told = progress
+
+    def listening(self) -> AbstractContextManager[None]:
+        """Take signals while in ``with``."""
+        return on_stop_signal(self._ask)
+
+    def _ask(self) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
+        with suppress(RuntimeError):  # the signal may have come in the middle of a print
+            self._told.note("stopping after this iteration, with a checkpoint (once more: at once)")
+
+
+class _StoppableProgress(Progress):
+    def __init__(self, wish: StopWish, progress: Progress):
+        self._wish = wish
+        self._progress = progress
+
+    def evaluation_progress(self, done: int, total: int) -> None:
+        if self._wish.asked:
+            raise Stopped
+        self._progress.evaluation_progress(done, total)

@@ -1,0 +1,95 @@
+"""What every experiment tracker is told of a run, and the file that says where it is tracked."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from apil_core.config import RunConfig
+from apil_core.errors import ApilError
+from apil_core.retraining.mark import is_retraining
+from apil_core.retraining.options import RetrainConfig
+from apil_core.rundir import RunDir
+
+PROJECT = "apil"
+"""Project of a run where nothing says otherwise."""
+
+
+@dataclass(frozen=True)
+class TrackedRun:
+    """A run as trackers see it.
+
+    Attributes:
+        run_dir: its directory.
+        name: that directory's name.
+        group: game and method (or ``retraining``), which runs to compare have in common.
+        tags: game and method apart.
+        config: the resolved configuration, nested, as JSON has it.
+    """
+
+    run_dir: RunDir
+    name: str
+    group: str
+    tags: tuple[str, ...]
+    config: dict[str, Any]
+
+    @classmethod
+    def of(cls, path: Path) -> TrackedRun:
+        """Read it from the directory of a run or a retraining.
+
+        Raises:
+            RunDirError: it is neither.
+        """
+        run_dir, config, method = _read(path)
+        return cls(
+            run_dir,
+            path.resolve().name,
+            f"{config.env}/{method}",
+            (config.env, method),
+            config.model_dump(mode="json"),
+        )
+
+    def where(self, tracker: str) -> dict[str, str]:
+        """What :meth:`note_where` stored; empty before that, or if the file is damaged."""
+        try:
+            value = json.loads(self._path(tracker).read_text("utf-8"))
+        except (OSError, ValueError):
+            return {}
+        return value if isinstance(value, dict) else {}
+
+    def note_where(self, tracker: str, where: dict[str, str]) -> None:
+        """Store by what identity the tracker knows the run, so that a resumed one goes on there."""
+        self.run_dir.write_json(self._path(tracker), where)
+
+    def _path(self, tracker: str) -> Path:
+        return self.run_dir.path / f"{tracker}.json"
+
+
+def _read(path: Path) -> tuple[RunDir, RunConfig | RetrainConfig, str]:
+    from apil_core.retraining.folder import RetrainDir
+
+    if is_retraining(path):
+        retraining = RetrainDir(path).config()
+        return RunDir(path), retraining, retraining.kind
+    config = RunDir(path).config()
+    return RunDir(path), config, config.method
+
+
+@contextmanager
+def one_line(tracker: str, hint: str) -> Iterator[None]:
+    """Turn whatever a tracker raises into one line with a way out.
+
+    Raises:
+        ApilError: something was raised.
+    """
+    try:
+        yield
+    except ApilError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ApilError(f"recorder {tracker}: {reason} ({hint})") from error

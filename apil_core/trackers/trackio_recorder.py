@@ -1,0 +1,108 @@
+"""Metrics for Trackio, which keeps them in an SQLite file beside the run."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from secrets import token_hex
+from typing import Any
+
+from apil_core.errors import ApilError
+from apil_core.trackers.tracked import PROJECT, TrackedRun, one_line
+
+FINISH_SECONDS = 60.0
+"""How long the end of a run waits for what is not stored yet."""
+
+_HINT = "without TRACKIO_SPACE_ID and TRACKIO_SERVER_URL it records locally"
+
+
+class TrackioRecorder:
+    """A tracked run in ``<run_dir>/trackio``, or where ``TRACKIO_DIR`` says; its name in ``trackio.json``.
+
+    The library fixes its directory when it is imported, and a process may train several runs, so it works
+    in a process of its own (:mod:`apil_core.trackers.trackio_writer`). That one outlives a killed run just
+    long enough to store all it was told. Steps are environment steps. A resumed run goes on under its name,
+    and rows that the run has gone back behind are deleted; on a remote server nobody can, there they stay.
+
+    Args:
+        run_dir: a run directory.
+
+    Raises:
+        ApilError: trackio is missing, or cannot store anything where it is told to.
+    """
+
+    name = "trackio"
+    dispensable = True
+
+    def __init__(self, run_dir: Path):
+        check()
+        tracked = TrackedRun.of(run_dir)
+        where = tracked.where(self.name)
+        # a name is all by which trackio resumes, and directories of many runs are called s0
+        where = where or {"project": PROJECT, "name": f"{tracked.name}-{token_hex(3)}"}
+        directory = str(run_dir.resolve() / "trackio")
+        self._writer = subprocess.Popen(
+            [sys.executable, "-m", "apil_core.trackers.trackio_writer"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env={"TRACKIO_DIR": directory, **os.environ},
+            text=True,
+            start_new_session=True,  # Ctrl-C is for the run
+        )
+        with one_line(self.name, _HINT):
+            self._tell({**where, "group": tracked.group, "config": tracked.config})
+            self._hear()
+        tracked.note_where(self.name, where)
+
+    def record(self, metrics: Mapping[str, float]) -> None:
+        """Log one row at ``metrics["steps"]``."""
+        self._tell(dict(metrics))
+
+    def summarize(self, scores: Mapping[str, float]) -> None:
+        """Log the final scores at the last row's steps: Trackio has no summary."""
+        self._tell(dict(scores))
+
+    def close(self) -> None:
+        """Wait until all is stored; closing twice is fine.
+
+        Raises:
+            ApilError: it takes too long, or not all could be stored.
+        """
+        if self._writer.poll() is not None and self._writer.stdin is None:
+            return
+        try:
+            self._writer.communicate(timeout=FINISH_SECONDS)
+        except subprocess.TimeoutExpired:
+            self._writer.kill()
+            self._writer.communicate()
+        self._writer.stdin = None
+        if self._writer.returncode:
+            raise ApilError(f"its process ended with {self._writer.returncode}: the last rows may be missing")
+
+    def _tell(self, message: dict[str, Any]) -> None:
+        assert self._writer.stdin is not None
+        self._writer.stdin.write(json.dumps(message) + "\n")
+        self._writer.stdin.flush()
+
+    def _hear(self) -> None:
+        """Wait for the writer to be ready."""
+        assert self._writer.stdout is not None
+        answer = json.loads(self._writer.stdout.readline() or '{"error": "its process ended"}')
+        if "error" in answer:
+            self._writer.communicate()
+            raise RuntimeError(answer["error"])
+
+
+def check() -> None:
+    """Say what is missing before anything is built.
+
+    Raises:
+        ApilError: trackio is not installed.
+    """
+    if find_spec("trackio") is None:
+        raise ApilError("records in Trackio need trackio: pip install 'apil[trackio]'")

@@ -1,0 +1,118 @@
+"""Metrics for Weights & Biases, online or offline."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from apil_core.errors import ApilError
+from apil_core.extras import need
+from apil_core.recorders import read_metrics
+from apil_core.trackers.tracked import PROJECT, TrackedRun, one_line
+
+FINISH_SECONDS = 60.0
+"""How long the end of a run waits for uploads; what is missing by then stays on disk for ``wandb sync``."""
+
+_HINT = "WANDB_MODE=offline records without a server"
+_OFFLINE = ("offline", "dryrun")
+
+
+class WandbRecorder:
+    """A tracked run at wandb, kept in ``<run_dir>/wandb``; its id in ``<run_dir>/wandb.json``.
+
+    wandb's own settings (environment variables, ``wandb/settings``) come before ours; but a resumed run
+    stays in the project it began in. Steps are environment steps. Of a run that goes on
+
+    - offline, a new file begins with the rows that ``metrics.jsonl`` kept: the newest one has them all;
+    - online, rows at steps that the server has already are left out: it takes no step twice.
+
+    Args:
+        run_dir: a run directory.
+
+    Raises:
+        ApilError: wandb is missing, not logged in, or does not reach its server.
+    """
+
+    name = "wandb"
+    dispensable = True
+
+    def __init__(self, run_dir: Path):
+        wandb = _wandb()
+        tracked = TrackedRun.of(run_dir)
+        with one_line(self.name, _HINT):
+            settings = wandb.setup().settings
+            ours = _ours(tracked, settings)
+            self._run: Any = wandb.init(
+                config=tracked.config,
+                allow_val_change=True,  # a resumed run may have more steps
+                reinit="create_new",  # somebody else's run in this process is none of ours
+                settings=wandb.Settings(**ours),
+            )
+        self._next = int(self._run.starting_step)
+        if self._run.disabled:
+            return
+        resumed = bool(tracked.where(self.name))
+        keys = {"id": self._run.id, "project": self._run.project, "entity": self._run.entity}
+        tracked.note_where(self.name, {key: value for key, value in keys.items() if value})
+        if resumed and self._run.offline and tracked.run_dir.metrics_path.is_file():
+            for row in read_metrics(tracked.run_dir.metrics_path):
+                self.record(row)
+
+    def record(self, metrics: Mapping[str, float]) -> None:
+        """Log one row at ``metrics["steps"]``."""
+        step = int(metrics["steps"])
+        if step >= self._next:
+            self._run.log(dict(metrics), step=step, commit=True)
+            self._next = step + 1
+
+    def summarize(self, scores: Mapping[str, float]) -> None:
+        """Put the final scores into the run's summary."""
+        self._run.summary.update(dict(scores))
+
+    def close(self) -> None:
+        """Wait for uploads, not for ever; a run that an error ends is shown as failed."""
+        self._run.finish(exit_code=int(sys.exc_info()[0] is not None))
+
+
+def check() -> None:
+    """Say what is missing before anything is built.
+
+    Raises:
+        ApilError: wandb is not installed, not logged in, or does not reach its server.
+    """
+    wandb = _wandb()
+    with one_line("wandb", _HINT):
+        if wandb.setup().settings.mode in (*_OFFLINE, "disabled") or wandb.run is not None:
+            return
+        if not wandb.login(prompt=False, verify=True):
+            raise ApilError(f"recorder wandb: not logged in: run `wandb login` ({_HINT})")
+
+
+def _wandb() -> Any:
+    return need("wandb", "wandb", "records in Weights & Biases", extra="wandb")
+
+
+def _ours(tracked: TrackedRun, settings: Any) -> dict[str, Any]:
+    """Settings where wandb's own say nothing, and by which run a resumed one goes on."""
+    where = tracked.where("wandb")
+    defaults = {
+        "project": PROJECT,
+        "run_name": tracked.name,
+        "run_group": tracked.group,
+        "run_tags": tuple(tag[:64] for tag in tracked.tags),  # longer ones are refused
+        "root_dir": str(tracked.run_dir.path.resolve()),
+        "console": "off",  # a live view is no log
+        "finish_timeout": FINISH_SECONDS,
+        "max_end_of_run_history_metrics": 0,
+        "max_end_of_run_summary_metrics": 0,
+    }
+    given = settings.model_fields_set
+    ours = {key: value for key, value in defaults.items() if key not in given}
+    if where:
+        ours |= {"run_id": where["id"], "project": where["project"]}
+        ours |= {"entity": where["entity"]} if "entity" in where else {}
+        if not given & {"resume", "resume_from", "fork_from"}:
+            ours["resume"] = "allow"
+    return ours
