@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -35,9 +35,25 @@ def check_same_run(state: dict[str, Any], config: RunConfig, path: Path, keys: I
         RunDirError: they differ; names the keys.
     """
     ours = config.model_dump(mode="json")
-    wanted = set(keys) or set(ours) - set(MAY_CHANGE)
-    here = flatten({key: value for key, value in ours.items() if key in wanted})
     theirs = {**RunConfig().model_dump(mode="json"), **state.get("config", {})}  # older ones lack new keys
+    check_same_settings(ours, theirs, set(keys) or set(ours) - set(MAY_CHANGE), path)
+
+
+def check_same_settings(
+    ours: Mapping[str, Any], theirs: Mapping[str, Any], keys: Iterable[str], path: Path
+) -> None:
+    """Compare settings here with those stored in a checkpoint.
+
+    Args:
+        ours, theirs: as JSON has them.
+        keys: top-level sections to compare.
+        path: of the checkpoint, for the message.
+
+    Raises:
+        RunDirError: they differ; names the keys.
+    """
+    wanted = set(keys)
+    here = flatten({key: value for key, value in ours.items() if key in wanted})
     there = flatten({key: value for key, value in theirs.items() if key in wanted})
     different = [
         f"{key} ({there.get(key)!r} there, {here.get(key)!r} here)"

@@ -3,10 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 from apil_core.curve_groups import CurveGroup
 from apil_core.episodes import WINDOW
 from apil_core.profiles import FAITHFUL
+
+
+@dataclass(frozen=True)
+class Wording:
+    """What a picture says of its groups.
+
+    Attributes:
+        title: what they have in common.
+        explanation: how to read the picture, in lines.
+        player: whose shares of games are drawn.
+    """
+
+    title: str
+    explanation: str
+    player: str = "the adversary"
+
+    @classmethod
+    def of_runs(cls, groups: Sequence[CurveGroup]) -> Wording:
+        """Where each group is one attack."""
+        return cls(title(groups), explanation(groups))
 
 
 def legend(group: CurveGroup) -> str:

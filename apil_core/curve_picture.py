@@ -15,7 +15,7 @@ from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from apil_core import colours
 from apil_core.chart_style import GREY, STYLE
-from apil_core.curve_captions import explanation, legend, title
+from apil_core.curve_captions import Wording, legend
 from apil_core.curve_groups import CurveGroup
 from apil_core.curves import IMITATOR, RETURN, WIN, WIN_OR_TIE, Curve, Line
 from apil_core.errors import ConfigError
@@ -27,7 +27,7 @@ FORMATS = (".png", ".svg", ".pdf")
 """What pictures of curves can be written as."""
 
 _TITLES = {
-    WIN: "games won by the adversary, %",
+    WIN: "games won by {player}, %",
     WIN_OR_TIE: "games won or tied, %",
     RETURN: "the adversary's return per game",
     IMITATOR: "the imitator's squared error ÷ the best constant's",
@@ -57,24 +57,25 @@ def check_picture(path: Path) -> None:
         raise ConfigError(f"{path}: curves are drawn as {', '.join(FORMATS[:-1])} or {FORMATS[-1]} files")
 
 
-def draw_curves(groups: Sequence[CurveGroup], path: Path) -> None:
+def draw_curves(groups: Sequence[CurveGroup], path: Path, wording: Wording | None = None) -> None:
     """Draw groups of runs into one picture, atomically; a file of that name is replaced.
 
     Args:
         groups: at least one.
         path: of the picture; see :data:`FORMATS`.
+        wording: default: each group is an attack.
 
     Raises:
         ApilError: the file cannot be written, or not in that format.
     """
     check_picture(path)
     with style.context(["default", STYLE]):
-        figure = _figure(groups)
+        figure = _figure(groups, wording or Wording.of_runs(groups))
         kind = path.suffix[1:].lower()
         write_atomically(path, lambda file: figure.savefig(file, format=kind, dpi=150))
 
 
-def _figure(groups: Sequence[CurveGroup]) -> Figure:
+def _figure(groups: Sequence[CurveGroup], wording: Wording) -> Figure:
     names = list(dict.fromkeys(name for group in groups for name in group.lines))
     rows = math.ceil(len(names) / 2)
     layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08)
@@ -83,20 +84,29 @@ def _figure(groups: Sequence[CurveGroup]) -> Figure:
     pens = _pens(len(groups))
     for axis, name in zip(axes, names, strict=False):
         _panel(axis, name, groups, pens)
+        axis.set_title(_TITLES.get(name, name).replace("{player}", wording.player))
     for axis in axes[len(names) :]:
         axis.set_axis_off()
-    axes[0].set_xlim(left=0)
+    axes[0].set_xlim(left=_first_step(groups))
     _same_scale(axes[: len(_SHARES)])
-    _head(figure, axes[0], groups)
-    figure.supxlabel(explanation(groups), x=0.01, ha="left", fontsize=8, color=GREY)
+    _head(figure, axes[0], groups, wording.title)
+    figure.supxlabel(wording.explanation, x=0.01, ha="left", fontsize=8, color=GREY)
     return figure
 
 
-def _head(figure: Figure, axis: Axes, groups: Sequence[CurveGroup]) -> None:
+def _first_step(groups: Sequence[CurveGroup]) -> float:
+    """Where the axis begins: at nought, with some room before it if there are scores."""
+    curves = [curve for group in groups for curve in group.curves]
+    if any(point.steps == 0 for curve in curves for point in curve.scores):
+        return -0.03 * max(curve.steps for curve in curves)
+    return 0.0
+
+
+def _head(figure: Figure, axis: Axes, groups: Sequence[CurveGroup], title: str) -> None:
     """The title, with a legend below it if there are several groups."""
     font = {"size": 12, "weight": "bold"}
     if len(groups) == 1:
-        figure.suptitle(title(groups), x=0.01, ha="left", **font)
+        figure.suptitle(title, x=0.01, ha="left", **font)
         return
     handles, labels = axis.get_legend_handles_labels()
     fitting = _LETTERS // (max(map(len, labels)) + 8)
@@ -105,7 +115,7 @@ def _head(figure: Figure, axis: Axes, groups: Sequence[CurveGroup]) -> None:
         labels,
         loc="outside upper left",
         ncols=max(1, min(fitting, len(labels), 4)),
-        title=title(groups),
+        title=title,
         title_fontproperties=font,
         alignment="left",
     )
@@ -135,7 +145,6 @@ def _panel(axis: Axes, name: str, groups: Sequence[CurveGroup], pens: Sequence[_
         _scores(axis, name, groups, pens)
     if name == IMITATOR:
         axis.axhline(1.0, color=GREY, linewidth=1.2, linestyle=":", zorder=1)
-    axis.set_title(_TITLES.get(name, name))
     axis.set_xlabel("environment steps")
     axis.xaxis.set_major_formatter(EngFormatter(sep=""))
     axis.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))

@@ -89,7 +89,7 @@ def read_curve(run: RunDir, metrics: Sequence[str] = ()) -> Curve:
     config = run.config()
     rows = read_metrics(run.metrics_path)
     _check(run.metrics_path, rows)
-    lines = {**_shares(rows), RETURN: _returns(rows), IMITATOR: _imitator(rows)}
+    lines = {**shares(rows, "window_"), RETURN: _returns(rows), IMITATOR: _imitator(rows)}
     lines |= {name: _metric(run, rows, name) for name in metrics}
     return Curve(
         run=str(run.path),
@@ -114,12 +114,17 @@ def _check(path: Path, rows: Sequence[dict[str, float]]) -> None:
         raise RunDirError(f"{path}: {games} training games have ended, a curve needs {LEAST_GAMES}")
 
 
-def _shares(rows: Sequence[dict[str, float]]) -> dict[str, Line]:
-    """Shares of the running window of training games."""
-    kept = [row for row in rows if row["window_games"] >= LEAST_GAMES]
+def shares(rows: Sequence[dict[str, float]], prefix: str) -> dict[str, Line]:
+    """Shares won, and won or tied, of a running window of games, with Wilson 95 % intervals.
+
+    Args:
+        rows: of metrics.
+        prefix: of the window's ``games``, ``wins`` and ``ties`` in them.
+    """
+    kept = [row for row in rows if row.get(f"{prefix}games", 0) >= LEAST_GAMES]
     steps = [int(row["steps"]) for row in kept]
     games, wins, ties = (
-        np.array([row[f"window_{name}"] for row in kept]) for name in ("games", "wins", "ties")
+        np.array([row[f"{prefix}{name}"] for row in kept]) for name in ("games", "wins", "ties")
     )
     return {
         name: Line(

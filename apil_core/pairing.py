@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, Literal, TypedDict
 
 import torch
 
@@ -117,6 +117,7 @@ class PairingOptions(TypedDict, total=False):
     plugin_files: Sequence[str]
     checkpoint_path: Path | None
     trust: bool
+    victim_seat: Literal[0, 1] | None
 
 
 def load_pairing(
@@ -137,6 +138,7 @@ def load_pairing(
     plugin_files: Sequence[str] = (),
     checkpoint_path: Path | None = None,
     trust: bool = False,
+    victim_seat: Literal[0, 1] | None = None,
 ) -> Pairing:
     """Load an adversary, its victim and their game.
 
@@ -157,6 +159,7 @@ def load_pairing(
         plugin_files: further one-file plugins.
         checkpoint_path: take this checkpoint of the run rather than its newest.
         trust: allow ``adversary`` and ``victim`` to be names whose loading runs code of the user's.
+        victim_seat: the victim's side, for a policy name; default: the game's.
 
     Raises:
         ApilError: anything wrong with the names, files, options or sizes given.
@@ -167,6 +170,8 @@ def load_pairing(
     plugins = plugins or _plugins([stored, *_victims_config(victim)], plugin_files)
     config = with_game_options(stored, plugins, game_options, sets, physics)
     _adjust(config, victim, trust, device, adversary_actions, victim_actions)
+    if source is None and victim_seat is not None:
+        config.victim_side = victim_seat
     side = 1 - victim_side(config, plugins)
     game = make_game(config.env, num_envs=num_envs, threads=threads, options=config.game, plugins=plugins)
     try:

@@ -21,6 +21,7 @@ from apil_core.distributed.world import World
 from apil_core.errors import RunDirError
 from apil_core.files import write_atomically
 from apil_core.plugins import PluginRegistry
+from apil_core.retraining.mark import is_retraining
 
 DEFAULT_ROOT = Path("runs")
 _PACKAGES = ("apil", "torch", "mujoco", "numpy", "rsl-rl-lib", "gymnasium", "pettingzoo", "tensordict")
@@ -91,6 +92,8 @@ class RunDir:
         """
         if not self.config_path.is_file():
             raise RunDirError(f"{self.path} is no run directory (no config.yaml in it)")
+        if is_retraining(self.path):
+            raise RunDirError(f"{self.path} is a retraining, no run; its victim is retrained:{self.path}")
         from apil_core.config_io import load_resolved
 
         return load_resolved(self.config_path)
@@ -249,8 +252,9 @@ def part_of_rank(path: Path, rank: int) -> Path:
 
 
 def list_runs(root: Path = DEFAULT_ROOT) -> list[RunDir]:
-    """All runs below ``root``, by path."""
-    return [RunDir(path.parent) for path in sorted(root.glob("**/config.yaml"))]
+    """All runs below ``root``, by path; retrainings are none."""
+    found = sorted(path.parent for path in root.glob("**/config.yaml"))
+    return [RunDir(path) for path in found if not is_retraining(path)]
 
 
 def environment(command: Sequence[str]) -> dict[str, Any]:

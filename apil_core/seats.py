@@ -12,6 +12,7 @@ from apil_core.game import Game, SideLayout
 from apil_core.plugins import PluginRegistry
 from apil_core.policy import Policy
 from apil_core.registry import game_spec, load_policy
+from apil_core.retraining.mark import is_retraining
 from apil_core.seeds import stream_seed
 from apil_core.victims.conformance import check_policy
 
@@ -37,9 +38,11 @@ BASELINES = ("random", "zero")
 
 
 def full_name(name: str, seat: SideLayout) -> str:
-    """What a short name stands for in that seat: a baseline of its sizes, or the run in a directory."""
+    """What a short name stands for in that seat: a baseline of its sizes, or what is in a directory."""
     if name in BASELINES:
         return f"baseline:{name}/{seat.observation_size}x{seat.action_size}"
+    if is_retraining(Path(name)):
+        return f"retrained:{name}"
     return f"run:{name}" if Path(name).is_dir() else name
 
 

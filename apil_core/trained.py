@@ -18,6 +18,7 @@ from apil_core.game import GameLayout, SideLayout
 from apil_core.plugins import PluginRegistry, discover
 from apil_core.policy import Policy, PolicyInfo
 from apil_core.registry import make_game
+from apil_core.retraining.mark import is_retraining
 from apil_core.rundir import RunDir
 from apil_core.seats import victim_side
 
@@ -25,11 +26,14 @@ SCHEME = "run:"
 
 
 def run_path(name: Path | str) -> Path | None:
-    """The run's directory (or checkpoint) behind ``run:PATH`` or a bare directory; else ``None``."""
+    """The run's directory (or checkpoint) behind ``run:PATH`` or a bare directory; else ``None``.
+
+    A directory in which a victim was retrained is no run's.
+    """
     text = str(name)
     if text.startswith(SCHEME):
         return Path(text.removeprefix(SCHEME))
-    return Path(text) if Path(text).is_dir() else None
+    return Path(text) if Path(text).is_dir() and not is_retraining(Path(text)) else None
 
 
 @dataclass(frozen=True)

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from apil_core.cli.flags import Json
 from apil_core.cli.output import console, print_json
 from apil_core.errors import ConfigError
+from apil_core.retraining.mark import is_retraining
+
+if TYPE_CHECKING:
+    from apil_core.curve_groups import CurveGroup
 
 
 def plot(
     *directories: Annotated[
-        Path, Parameter(name="DIR", required=True, help="Run directories, finished or not.")
+        Path,
+        Parameter(
+            name="DIR", required=True, help="Directories of runs, finished or not; or of one retraining."
+        ),
     ],
     out: Annotated[Path, Parameter(help="Picture to write: .png, .svg or .pdf.")] = Path("curve.png"),
     metric: Annotated[
@@ -29,7 +37,7 @@ def plot(
     """Draw learning curves: shares of games won and tied, return and imitator over environment steps.
 
     Runs that differ in the seed only become one line, their mean, with their standard deviation as a band.
-    Points are evaluations with 95 % intervals.
+    Points are evaluations with 95 % intervals. Of a retraining: the victim's shares against each opponent.
     """
     from apil_core.curve_groups import read_groups
     from apil_core.curve_picture import check_picture, draw_curves
@@ -38,9 +46,26 @@ def plot(
     check_picture(out)
     if out.exists() and not force:
         raise ConfigError(f"{out} exists already; choose another --out, or --force to replace it")
-    groups = read_groups([RunDir(directory) for directory in directories], metric or [])
-    draw_curves(groups, out)
+    retrainings = [directory for directory in directories if is_retraining(directory)]
+    if retrainings:
+        groups = _draw_retraining(directories, retrainings[0], metric or [], out)
+    else:
+        groups = read_groups([RunDir(directory) for directory in directories], metric or [])
+        draw_curves(groups, out)
     if as_json:
         print_json({"picture": out, "groups": [group.model_dump(mode="json") for group in groups]})
     else:
         console().print(f"curve      {out}", markup=False)
+
+
+def _draw_retraining(
+    directories: Sequence[Path], retraining: Path, metrics: Sequence[str], out: Path
+) -> list[CurveGroup]:
+    from apil_core.retraining.curve import draw_opponents
+    from apil_core.retraining.folder import RetrainDir
+
+    if len(directories) > 1:
+        raise ConfigError(f"{retraining} is a retraining: draw it alone")
+    if metrics:
+        raise ConfigError(f"{retraining} is a retraining: its picture has no panel for --metric")
+    return draw_opponents(RetrainDir(retraining), out)

@@ -31,13 +31,17 @@ def speed(metrics: Mapping[str, float]) -> str:
 
 
 def outcomes(metrics: Mapping[str, float]) -> dict[str, str]:
-    """Win, tie and loss shares of the last games with Wilson 95 % intervals; empty before any ended."""
+    """Win, tie and loss shares of the last games with Wilson 95 % intervals; empty before any ended.
+
+    The adversary's, or in a retraining the victim's.
+    """
     from apil_core.evaluation import wilson
 
     games = int(metrics.get("window_games", 0))
     if not games:
         return {}
-    keys = {"win": "window_wins", "tie": "window_ties", "loss": "window_losses"}
+    whose = "victim's " if any(name.startswith("opponent/") for name in metrics) else ""
+    keys = {f"{whose}win": "window_wins", "tie": "window_ties", "loss": "window_losses"}
     return {name: percent(wilson(int(metrics[key]), games)) for name, key in keys.items()}
 
 

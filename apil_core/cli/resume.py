@@ -14,10 +14,11 @@ from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
 from apil_core.distributed.world import World
 from apil_core.errors import RunDirError
+from apil_core.retraining.mark import is_retraining
 
 
 def resume(
-    directory: Annotated[Path, Parameter(name="DIR", help="Run directory.")],
+    directory: Annotated[Path, Parameter(name="DIR", help="Directory of a run or of a retraining.")],
     /,
     *,
     steps: Annotated[
@@ -31,9 +32,16 @@ def resume(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> int:
-    """Continue a run exactly where its last checkpoint left it, or extend a finished one."""
+    """Continue a run or a retraining exactly where its last checkpoint left it, or extend a finished one."""
     if not (directory / "config.yaml").is_file():
         raise RunDirError(f"{directory} is no run directory (no config.yaml in it)")
+
+    if is_retraining(directory):
+        from apil_core.cli.retrain import resume as resume_retraining
+
+        return resume_retraining(
+            directory, steps=steps, checkpoint=checkpoint, threads=threads, quiet=quiet, as_json=as_json
+        )
 
     from apil_core import runner
 

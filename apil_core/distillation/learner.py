@@ -101,15 +101,18 @@ class StudentNetwork(nn.Module):
 
     def _remember(self, x: Tensor, done: Tensor, memory: Memory) -> tuple[Tensor, Memory]:
         cell, (h, c) = self.rnn, memory
-        own = F.linear(x, cell.weight_ih, cell.bias_ih + cell.bias_hh)  # of all steps in one product
+        # of all steps in one product; unbound, as the gradient of one indexed step is as large as all steps
+        own = F.linear(x, cell.weight_ih, cell.bias_ih + cell.bias_hh).unbind()
         keep = (~done).to(x.dtype).unsqueeze(-1)
+        ends = done.any(1).tolist()
         states = []
-        for t in range(len(x)):
-            i, f, g, o = (own[t] + F.linear(h, cell.weight_hh)).chunk(4, dim=1)
+        for t, own_t in enumerate(own):
+            i, f, g, o = torch.addmm(own_t, h, cell.weight_hh.t()).chunk(4, dim=1)
             c = torch.sigmoid(f) * c + torch.sigmoid(i) * torch.tanh(g)
             h = torch.sigmoid(o) * torch.tanh(c)
             states.append(h)
-            h, c = h * keep[t], c * keep[t]
+            if ends[t]:
+                h, c = h * keep[t], c * keep[t]
         return torch.stack(states), (h, c)
 
     def no_memory(self, games: int) -> Memory:

@@ -8,7 +8,7 @@ from apil_core.specs import PolicySpec
 
 @hookimpl
 def register_policies() -> list[PolicySpec]:
-    """Offer ``zoo:`` and ``embedded:<game>/<side>/<version>``, and ``baseline:<kind>/OxA``."""
+    """Offer ``zoo:`` and ``embedded:<game>/<side>/<version>``, ``retrained:DIR``, ``baseline:<kind>/OxA``."""
     return [
         PolicySpec(
             scheme="zoo",
@@ -21,6 +21,11 @@ def register_policies() -> list[PolicySpec]:
             loader="apil_core.victims.embedded:load",
             lister="apil_core.victims.embedded:list_embedded",
             summary="students of those, distilled by us and shipped with APIL",
+        ),
+        PolicySpec(
+            scheme="retrained",
+            loader="apil_core.retraining.hardened:load",
+            summary="victim hardened by `apil retrain`: retrained:DIR",
         ),
         PolicySpec(
             scheme="baseline",

@@ -12,7 +12,6 @@ from apil_core.types import Decision, DiagonalGaussian, View
 from apil_core.victims.memory import Memory
 from apil_core.victims.networks import Filter, Output, Weights, make_network
 
-_CLIP = 5.0
 _Net = Literal["actor", "critic"]
 
 
@@ -26,15 +25,19 @@ class ZooPolicy(Policy):
         actor: torch module from filtered observation to mean action.
         critic: torch module from filtered observation to normalised return.
         logstd: of the action, shape (a,).
+        observation_filter, return_filter: statistics of its own training.
     """
+
+    CLIP = 5.0
+    """Bound of the filtered observation."""
 
     def __init__(self, info: PolicyInfo, weights: Weights):
         self.info = info
         self.actor = make_network(weights, "policy")
         self.critic = make_network(weights, "value")
         self.logstd = torch.tensor(weights["logstd"][0])
-        self._observations = Filter(weights, "observation_filter")
-        self._returns = Filter(weights, "return_filter")
+        self.observation_filter = Filter(weights, "observation_filter")
+        self.return_filter = Filter(weights, "return_filter")
         self._std = self.logstd.exp()
         self._memories: dict[_Net, Memory] = {"actor": Memory(info.name), "critic": Memory(info.name)}
 
@@ -61,14 +64,14 @@ class ZooPolicy(Policy):
         The critic has a recurrent state of its own: call this once per step, as :meth:`act`.
         """
         output = self._advance("critic", view)
-        return output.value[:, 0] * self._returns.deviation + self._returns.mean
+        return output.value[:, 0] * self.return_filter.deviation + self.return_filter.mean
 
     def filter(self, observation: Tensor) -> Tensor:
         """What the networks see of ``observation``; both (n, observation_size)."""
         size = self.info.observation_size
         if observation.shape[-1] != size:
             raise ValueError(f"{self.info.name} reads {size} observations, got {observation.shape[-1]}")
-        return self._observations(observation.float()).clamp_(-_CLIP, _CLIP)
+        return self.observation_filter(observation.float()).clamp_(-self.CLIP, self.CLIP)
 
     def _advance(self, net: _Net, view: View) -> Output:
         network = self.actor if net == "actor" else self.critic
@@ -80,7 +83,7 @@ class ZooPolicy(Policy):
 
     def to(self, device: torch.device | str) -> ZooPolicy:
         """Move weights and state to ``device``; returns self."""
-        for module in (self.actor, self.critic, self._observations, self._returns):
+        for module in (self.actor, self.critic, self.observation_filter, self.return_filter):
             module.to(device)
         self.logstd, self._std = self.logstd.to(device), self._std.to(device)
         self.load_recurrent_state(self.recurrent_state())

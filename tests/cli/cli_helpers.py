@@ -8,7 +8,18 @@ from pathlib import Path
 
 VERBS = (
     *("run", "resume", "eval", "play", "fidelity", "runs"),
-    *("distill", "export", "config", "victims", "methods", "games", "plugins"),
+    *(
+        "crossplay",
+        "analyze",
+        "retrain",
+        "distill",
+        "export",
+        "config",
+        "victims",
+        "methods",
+        "games",
+        "plugins",
+    ),
     *("bench", "doctor", "completion"),
 )
 

@@ -37,6 +37,7 @@ print([name for name in ("torch", "mujoco", "statsmodels", "tensordict") if name
         ["fidelity", "--help"],
         ["play", "--help"],
         ["export", "--help"],
+        ["retrain", "--help"],
         ["victims", "check", "--help"],
         ["bench", "speed", "--help"],
         ["config", "diff", "paper", "apil-code"],
@@ -85,7 +86,8 @@ def test_run_help_shows_every_flag_with_the_codes_defaults(apil: Apil) -> None:
     "verb",
     [
         *("resume", "eval", "play", "fidelity", "runs", "runs compare", "victims import", "config diff"),
-        *("doctor", "bench", "bench speed"),
+        *("doctor", "bench", "bench speed", "bench run", "bench report"),
+        *("retrain", "crossplay", "analyze", "analyze activations"),
     ],
 )
 def test_every_verb_has_help(apil: Apil, verb: str) -> None:

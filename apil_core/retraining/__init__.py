@@ -1,0 +1,1 @@
+"""Hardened victims: a victim's own network, trained against an adversary and the one it already knows."""

@@ -1,0 +1,93 @@
+"""The directory of a retraining: settings, metrics, checkpoints, the hardened victim, scores."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from apil_core.config_errors import problems_of, raise_problems
+from apil_core.config_layers import file_layer
+from apil_core.config_yaml import commented_yaml
+from apil_core.errors import RunDirError
+from apil_core.files import write_atomically
+from apil_core.retraining.mark import is_retraining
+from apil_core.retraining.options import RetrainConfig
+from apil_core.rundir import DEFAULT_ROOT, RunDir
+
+
+class RetrainDir:
+    """Paths and files of one retraining.
+
+    Attributes:
+        files: checkpoints, metrics, notes and lock, which lie as in a run's directory.
+
+    Args:
+        path: its directory; it need not exist yet.
+    """
+
+    def __init__(self, path: Path | str):
+        self.path = Path(path)
+        self.files = RunDir(self.path)
+        self.victim_path = self.path / "victim.safetensors"
+        self.curve_path = self.path / "curve.png"
+
+    @classmethod
+    def create(cls, config: RetrainConfig, out: Path | None, command: Sequence[str]) -> RetrainDir:
+        """A fresh directory with the settings and a note of where it was made.
+
+        Raises:
+            RunDirError: it exists and is not empty, or cannot be written.
+        """
+        made = cls(out or _default_path(config))
+        try:
+            if made.path.exists() and (not made.path.is_dir() or any(made.path.iterdir())):
+                raise RunDirError(
+                    f"{made.path} exists and is not empty; choose another --out, "
+                    f"or continue it with: apil resume {made.path}"
+                )
+            made.files.checkpoint_dir.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RunDirError(f"cannot create {made.path}: {error.strerror}") from error
+        made.write_config(config)
+        made.files.note_environment(command)
+        return made
+
+    def write_config(self, config: RetrainConfig) -> None:
+        """Store the settings."""
+        text = commented_yaml(config.model_dump(mode="json"), RetrainConfig).encode()
+        write_atomically(self.files.config_path, lambda file: file.write(text))
+
+    def config(self) -> RetrainConfig:
+        """What was stored.
+
+        Raises:
+            RunDirError: this is no retraining's directory.
+            ConfigError: the settings are damaged.
+        """
+        if not is_retraining(self.path):
+            raise RunDirError(f"{self.path} is no retraining's directory (no config.yaml of one in it)")
+        layer = file_layer(self.files.config_path)
+        try:
+            return RetrainConfig.model_validate(layer.data)
+        except ValidationError as error:
+            raise_problems(problems_of(error, RetrainConfig), layer.origins)
+            raise
+
+    def result(self) -> dict[str, Any] | None:
+        """What ``result.json`` says, or ``None`` before the first end."""
+        return self.files.result()
+
+
+def _default_path(config: RetrainConfig) -> Path:
+    name = "+".join(config.labels)
+    stamp = f"{time.strftime('%Y%m%d-%H%M%S')}-s{config.seed}"
+    base = DEFAULT_ROOT / config.env / "retrain" / name / stamp
+    path, count = base, 1
+    while path.exists():
+        count += 1
+        path = base.with_name(f"{base.name}-{count}")
+    return path

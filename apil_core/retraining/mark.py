@@ -1,0 +1,19 @@
+"""What tells a retraining's directory from a run's."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+KIND = "retraining"
+"""Value of ``kind`` in its ``config.yaml``, which a run's has not."""
+
+_MARK = re.compile(rf"^kind: {KIND}$", re.MULTILINE)
+
+
+def is_retraining(path: Path) -> bool:
+    """Whether a retraining lives in that directory: one look at its ``config.yaml``."""
+    try:
+        return _MARK.search((path / "config.yaml").read_text("utf-8")) is not None
+    except (OSError, UnicodeDecodeError):
+        return False

@@ -1,0 +1,48 @@
+"""Scoring a victim against each of its opponents on its own."""
+
+from __future__ import annotations
+
+import torch
+
+from apil_core.evaluation import EvaluationResult
+from apil_core.evaluator import evaluate
+from apil_core.plugins import PluginRegistry
+from apil_core.progress import Progress
+from apil_core.retraining.options import RetrainConfig
+
+
+def score_each(
+    config: RetrainConfig, victim: str, episodes: int, progress: Progress, plugins: PluginRegistry
+) -> dict[str, EvaluationResult]:
+    """By label, scores as ``apil eval OPPONENT --victim VICTIM`` gives them: wins are the opponent's.
+
+    Touches nobody's randomness: the players are loaded anew.
+
+    Args:
+        config: the retraining's, with all names spelt out.
+        victim: name of the policy to score against.
+        episodes: games against each.
+        progress: told of the games played.
+        plugins: who knows the names.
+    """
+    names = [*config.adversaries, *([config.baseline] if config.baseline else [])]
+    found = {}
+    for label, name in zip(config.labels, names, strict=True):
+        with torch.random.fork_rng(devices=[]):
+            found[label] = evaluate(
+                name,
+                episodes=episodes,
+                seed=config.seed,
+                progress=progress,
+                env=config.env,
+                victim=victim,
+                adversary_actions=config.evaluation.adversary_actions,
+                victim_actions=config.evaluation.victim_actions,
+                game_options=config.game,
+                threads=config.threads,
+                device=config.device,
+                plugins=plugins,
+                trust=config.trust,
+                victim_seat=config.victim_side,
+            )
+    return found

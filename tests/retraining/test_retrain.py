@@ -1,0 +1,226 @@
+"""A whole retraining on the toy game: it hardens, goes on bit for bit, and its victim plays everywhere."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from core.small_runs import differences, small_config
+
+from apil_core import (
+    ConfigError,
+    RunDirError,
+    VictimError,
+    checkpoint,
+    evaluate,
+    load_policy,
+    resume,
+    run,
+)
+from apil_core.progress import Progress
+from apil_core.recorders import read_metrics
+from apil_core.retraining.folder import RetrainDir
+from apil_core.retraining.options import RetrainConfig
+from apil_core.retraining.retrain import resume as go_on
+from apil_core.retraining.retrain import retrain
+from apil_core.retraining.settings import settings
+from apil_core.rundir import RunDir
+from apil_core.trackers.tracked import TrackedRun
+from retraining.victims import student
+
+SMALL: dict[str, Any] = {
+    **{"steps": 4 * 512, "baseline": "random", "threads": 1},
+    **{"critic_warmup": 1, "evaluation.episodes": 0, "recorders": ["jsonl"]},
+}
+
+BOTH = ("noise", "adrl")
+WATCHED = {
+    **{"evaluation__every_steps": 1024, "evaluation__periodic_episodes": 20},
+    "adversary_share": 0.8,
+}
+
+
+@pytest.fixture(scope="module")
+def attacks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Adversaries of an LSTM evader: one plain, one whose hooks draw random numbers."""
+    path = tmp_path_factory.mktemp("attacks")
+    victim = student(path / "evader.safetensors")
+    made = {}
+    for name, method, options in (("adrl", "adrl", {}), ("noise", "apil", {"apil": {"prediction": "noise"}})):
+        made[name] = path / name
+        run(small_config(method, victim=victim, steps=512, options=options), out=made[name])
+    return made
+
+
+def config(attacks: dict[str, Path], *names: str, **flags: Any) -> RetrainConfig:
+    dotted = {key.replace("__", "."): value for key, value in flags.items()}
+    return settings([attacks[name] for name in names or ("adrl",)], {**SMALL, **dotted})
+
+
+def rows_of(path: Path) -> list[dict[str, float]]:
+    """Metrics without what depends on the machine and on how the steps were divided."""
+    rows = read_metrics(RetrainDir(path).files.metrics_path)
+    aside = ("memory_mb", "total_steps")
+    return [{k: v for k, v in row.items() if "second" not in k and k not in aside} for row in rows]
+
+
+def final_state(path: Path) -> dict[str, Any]:
+    return checkpoint.read(RunDir(path).newest_checkpoint())
+
+
+@pytest.fixture(scope="module")
+def whole(attacks: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A retraining against both adversaries, in one go."""
+    path = tmp_path_factory.mktemp("retrained") / "whole"
+    retrain(config(attacks, *BOTH, **WATCHED), out=path)
+    return path
+
+
+def test_what_was_settled_comes_from_the_run(attacks: dict[str, Path]) -> None:
+    made = config(attacks, "noise", "adrl")
+    assert (made.env, made.victim_side, made.num_envs, made.ppo.num_steps) == ("toy-pursuit", 0, 32, 16)
+    assert made.victim.startswith("safetensors:/")
+    assert made.labels == ("apil", "adrl", "baseline")
+    assert all(name.startswith("run:/") and name.endswith(".pt") for name in made.adversaries)
+
+
+def test_without_updates_nothing_changes_in_play(attacks: dict[str, Path], tmp_path: Path) -> None:
+    still = config(attacks, steps=1024, ppo__learning_rate=1e-30, evaluation__episodes=40)
+    result = retrain(still, out=tmp_path / "r")
+    original = load_policy(still.victim)
+    assert result.hardened.sha256 == result.victim.sha256 == original.info.sha256
+    kept = load_policy(f"retrained:{tmp_path / 'r'}")
+    assert all(torch.equal(kept.weights[name], tensor) for name, tensor in original.weights.items())
+    for label in ("adrl", "baseline"):
+        before, after = result.before[label], result.after[label]
+        same = ("wins", "ties", "losses", "causes", "mean_length", "seed", "num_envs")
+        assert [getattr(before, key) for key in same] == [getattr(after, key) for key in same]
+
+
+def test_an_extended_retraining_is_bit_exact(attacks: dict[str, Path], tmp_path: Path) -> None:
+    whole = retrain(config(attacks, *BOTH, mix="per_step"), out=tmp_path / "whole")
+    retrain(config(attacks, *BOTH, mix="per_step", steps=1024), out=tmp_path / "parts")
+    resumed = go_on(tmp_path / "parts", steps=whole.steps)
+    assert (resumed.status, resumed.steps) == ("finished", whole.steps)
+    assert differences(final_state(tmp_path / "whole"), final_state(tmp_path / "parts")) == []
+    assert resumed.hardened.sha256 == whole.hardened.sha256 != whole.victim.sha256
+    rows = rows_of(tmp_path / "whole")
+    assert rows == rows_of(tmp_path / "parts")
+    assert rows[-1]["opponent/mixed/games"] == rows[-1]["games_total"]
+
+
+def test_ctrl_c_leaves_a_checkpoint_to_go_on_from(
+    attacks: dict[str, Path], whole: Path, tmp_path: Path
+) -> None:
+    class Impatient(Progress):
+        def iteration(self, metrics: dict[str, float]) -> None:
+            if metrics["iteration"] == 3:
+                os.kill(os.getpid(), signal.SIGINT)
+
+    stopped = retrain(config(attacks, *BOTH, **WATCHED), out=tmp_path / "parts", progress=Impatient())
+    assert (stopped.status, stopped.steps) == ("interrupted", 3 * 512)
+    assert load_policy(f"retrained:{tmp_path / 'parts'}").info.sha256 == stopped.hardened.sha256
+    go_on(tmp_path / "parts")
+    assert differences(final_state(whole), final_state(tmp_path / "parts")) == []
+    assert rows_of(whole) == rows_of(tmp_path / "parts")
+
+
+def test_rows_count_games_by_opponent(whole: Path) -> None:
+    rows = rows_of(whole)
+    assert [row["steps"] for row in rows] == [512 * i for i in range(1, 5)]
+    last = rows[-1]
+    counts = {label: last[f"opponent/{label}/games"] for label in ("adrl", "apil", "baseline")}
+    assert sum(counts.values()) == last["games_total"] == sum(row["games"] for row in rows)
+    played = [counts[label] / last["games_total"] for label in counts]
+    # of about 80 games: two standard errors of a share are 0.11
+    assert played == pytest.approx([0.4, 0.4, 0.2], abs=0.11)
+    for label in counts:
+        assert last[f"opponent/{label}/wins"] + last[f"opponent/{label}/ties"] <= counts[label]
+    assert [row["steps"] for row in rows if "evaluation/apil/games" in row] == [1024, 2048]
+
+
+def test_trackers_know_it_by_game_and_kind(whole: Path) -> None:
+    tracked = TrackedRun.of(whole)
+    assert (tracked.name, tracked.group) == ("whole", "toy-pursuit/retraining")
+    assert tracked.config["adversary_share"] == 0.8
+
+
+def test_settings_that_were_edited_are_not_those_of_the_checkpoint(whole: Path, tmp_path: Path) -> None:
+    edited = tmp_path / "edited"
+    shutil.copytree(whole, edited)
+    file = edited / "config.yaml"
+    for old, new, message in (
+        ("adversary_share: 0.8", "adversary_share: 0.9", r"adversary_share \(0.8 there, 0.9 here\)"),
+        ("gamma: 0.99", "gamma: 0.9", r"ppo.gamma \(0.99 there, 0.9 here\)"),
+    ):
+        text = file.read_text()
+        assert text.count(old) == 1
+        file.write_text(text.replace(old, new))
+        with pytest.raises(RunDirError, match=f"is of another run or configuration: {message}"):
+            go_on(edited, steps=4096)
+        file.write_text(text)
+
+
+def test_the_hardened_victim_is_a_victim(attacks: dict[str, Path], tmp_path: Path, monkeypatch: Any) -> None:
+    made = tmp_path / "hard"
+    result = retrain(config(attacks, evaluation__episodes=30, steps=512), out=made)
+    stored = json.loads((made / "result.json").read_text())
+    assert stored["after"]["adrl"]["victim"]["sha256"] == result.hardened.sha256
+    monkeypatch.chdir(tmp_path)
+    for name in ("retrained:hard", "hard"):
+        score = evaluate(attacks["adrl"], victim=name, episodes=30, threads=1)
+        assert score.victim.name == f"retrained:{made}"
+        assert (score.wins, score.ties) == (result.after["adrl"].wins, result.after["adrl"].ties)
+    run(small_config("adrl", victim="hard", steps=512), out=tmp_path / "again")
+    assert RunDir(tmp_path / "again").config().victim == f"retrained:{made}"
+    twice = retrain(settings([tmp_path / "again"], {**SMALL, "steps": 512}), out=tmp_path / "twice")
+    assert twice.victim.sha256 == result.hardened.sha256
+    go_on(made, steps=1024)
+    with pytest.raises(VictimError, match="has changed since the run began"):
+        resume(tmp_path / "again", steps=1024)
+    with pytest.raises(VictimError, match="has changed since the retraining began: SHA-256 "):
+        go_on(tmp_path / "twice", steps=1024)
+    with pytest.raises(RunDirError, match="hard is a retraining, no run; its victim is retrained:"):
+        RunDir(made).config()
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (
+            {"baseline": None},
+            "has no baseline adversary for the pursuer: name one with --baseline",
+        ),
+        ({"victim": "random"}, "baseline:random/7x2 cannot be retrained; what can: zoo:"),
+        ({"adversary_share": 1.5}, "--adversary-share 1.5: should be less than or equal to 1, got 1.5"),
+        ({"freeze": "value"}, "--freeze value needs the victim's own value network"),
+        ({"critic": "stored"}, "brings no value network"),
+        ({"env": "coin"}, "the adversaries were trained on toy-pursuit; they cannot play coin"),
+        (
+            {"baseline": "baseline:zero/380x17"},
+            "takes 380 observations and gives 17 actions",
+        ),
+        ({"num_envs": 1}, r"num_envs \(1\) must be at least ppo.minibatches \(2\)"),
+        ({"victim": "retrained:nowhere"}, "nowhere is none"),
+    ],
+)
+def test_a_mistake_is_one_line_before_anything_is_made(
+    attacks: dict[str, Path], tmp_path: Path, flags: dict[str, Any], message: str
+) -> None:
+    with pytest.raises((ConfigError, VictimError), match=message) as caught:
+        retrain(config(attacks, **flags), out=tmp_path / "r")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "r").exists()
+
+
+def test_without_a_baseline_the_adversaries_may_play_alone(attacks: dict[str, Path], tmp_path: Path) -> None:
+    alone = config(attacks, baseline=None, adversary_share=1.0, steps=512, evaluation__episodes=5)
+    result = retrain(alone, out=tmp_path / "r")
+    assert list(result.after) == ["adrl"]
+    assert result.shares == {"adrl": 1.0}
