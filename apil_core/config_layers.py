@@ -97,9 +97,13 @@ def file_layer(path: Path) -> Layer:
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read: {error}") from error
     data, lines = parse_yaml(text, str(path))
-    for key in _PATH_KEYS:
-        data.update({key: _relative_to(path.parent, data[key])} if key in data else {})
+    data = from_folder(path.parent, data)
     return Layer(data, {key: f"{path}:{line}" for key, line in lines.items()})
+
+
+def from_folder(folder: Path, data: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings whose relative paths (``plugins``, ``init_from``) start in that folder, made absolute."""
+    return {key: _relative_to(folder, value) if key in _PATH_KEYS else value for key, value in data.items()}
 
 
 def set_layer(assignment: str) -> Layer:

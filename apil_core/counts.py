@@ -11,7 +11,7 @@ def whole_number(text: str) -> int:
     """
     factor = {"k": 10**3, "m": 10**6}.get(text[-1:].lower(), 1)
     value = float(text[:-1] if factor > 1 else text) * factor
-    if value != int(value):
+    if not value.is_integer():  # nor are NaN and infinity
         raise ValueError(f"{text!r} is not a whole number")
     return int(value)
 

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Literal, Self, get_args
 
-from pydantic import BaseModel, ValidationError, model_validator
+from pydantic import BaseModel, model_validator
 
 from apil_core.circumstances import PolicyId
 from apil_core.difference import Difference, difference
-from apil_core.errors import ConfigError
 from apil_core.evaluation import EvaluationResult, Rate
-from apil_core.files import write_atomically
+from apil_core.json_document import JsonDocument
 
 Share = Literal["win", "win_or_tie"]
 """Games the adversary won; games it did not lose."""
@@ -33,21 +31,19 @@ class Player(PolicyId):
     seed: int | None = None
 
 
-class CrossPlay(BaseModel):
+class CrossPlay(JsonDocument):
     """Every adversary against every victim of one game.
 
     Attributes:
         scores: (adversaries, victims), the adversary's; ``None`` where nothing has been played yet.
-        created: when, ISO 8601 with time zone.
-        command: what made it.
     """
+
+    maker = "apil crossplay"
 
     env: str
     adversaries: list[Player]
     victims: list[Player]
     scores: list[list[EvaluationResult | None]]
-    created: str
-    command: list[str] = []
 
     @model_validator(mode="after")
     def _rectangular(self) -> Self:
@@ -71,29 +67,6 @@ class CrossPlay(BaseModel):
         if adversary not in rows or victim not in columns:
             return None
         return self.scores[rows.index(adversary)][columns.index(victim)]
-
-    def write(self, path: Path) -> None:
-        """Write it as JSON, whole or not at all.
-
-        Raises:
-            RunDirError: the file cannot be written; what was there before is untouched.
-        """
-        text = self.model_dump_json(indent=1)
-        write_atomically(path, lambda file: file.write(text.encode()))
-
-    @classmethod
-    def read(cls, path: Path) -> Self:
-        """What :meth:`write` wrote.
-
-        Raises:
-            ConfigError: it is not there, or something else.
-        """
-        try:
-            return cls.model_validate_json(path.read_text("utf-8"))
-        except FileNotFoundError:
-            raise ConfigError(f"{path}: no such file") from None
-        except (OSError, ValidationError, UnicodeDecodeError) as error:
-            raise ConfigError(f"{path}: this is no document of apil crossplay") from error
 
 
 class Comparison(BaseModel):

@@ -13,7 +13,7 @@ from apil_core.crossplay_document import CrossPlay, Player
 from apil_core.crossplay_players import Lineup, settings
 from apil_core.errors import ConfigError
 from apil_core.evaluation import EvaluationResult
-from apil_core.files import why_unwritable
+from apil_core.files import check_place
 
 
 class CrossPlayFile:
@@ -92,17 +92,3 @@ class CrossPlayFile:
                 f"{self.path}: {what} {unit}{then}, this call has {now}: take another --out file, or the "
                 "same players and settings"
             )
-
-
-def check_place(path: Path) -> None:
-    """Whether a file can be written there: hours later would be too late.
-
-    Raises:
-        ConfigError: it cannot.
-    """
-    if path.is_dir():
-        raise ConfigError(f"{path}: is a directory")
-    if not path.parent.is_dir():
-        raise ConfigError(f"{path}: its directory does not exist")
-    if (reason := why_unwritable(path.parent)) is not None:
-        raise ConfigError(f"{path}: cannot be written: {reason}")

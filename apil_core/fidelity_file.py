@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from apil_core.errors import ConfigError
 from apil_core.fidelity import FidelityRow
 from apil_core.fidelity_plan import RowPlan
-from apil_core.files import why_unwritable, write_atomically
+from apil_core.files import check_place, write_atomically
 from apil_core.game_options import spelt_out
 from apil_core.plugins import PluginRegistry
 from apil_core.registry import load_policy
@@ -32,7 +32,7 @@ class FidelityFile:
 
     def __init__(self, path: Path):
         self.path = path
-        _check_writable(path)
+        check_place(path)
         self.rows = _read(path)
 
     @contextmanager
@@ -123,16 +123,6 @@ def _circumstances_now(plan: RowPlan, plugins: PluginRegistry) -> dict[str, Any]
         "adversary's sha256": load_policy(plan.adversary, plugins=plugins).info.sha256,
         "victim's sha256": load_policy(plan.victim, plugins=plugins).info.sha256,
     }
-
-
-def _check_writable(path: Path) -> None:
-    """Hours later, with the first row, would be too late."""
-    if path.is_dir():
-        raise ConfigError(f"{path}: is a directory")
-    if not path.parent.is_dir():
-        raise ConfigError(f"{path}: its directory does not exist")
-    if (reason := why_unwritable(path.parent)) is not None:
-        raise ConfigError(f"{path}: cannot be written: {reason}")
 
 
 def _read(path: Path) -> list[FidelityRow]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import BinaryIO
 
-from apil_core.errors import RunDirError
+from apil_core.errors import ConfigError, RunDirError
 
 
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
@@ -44,6 +44,20 @@ def why_unwritable(directory: Path) -> str | None:
             return None
     except OSError as error:
         return error.strerror or type(error).__name__
+
+
+def check_place(path: Path) -> None:
+    """Whether a file can be written there: hours later would be too late.
+
+    Raises:
+        ConfigError: it cannot.
+    """
+    if path.is_dir():
+        raise ConfigError(f"{path}: is a directory")
+    if not path.parent.is_dir():
+        raise ConfigError(f"{path}: its directory does not exist")
+    if (reason := why_unwritable(path.parent)) is not None:
+        raise ConfigError(f"{path}: cannot be written: {reason}")
 
 
 def sha256(path: Path) -> str:

@@ -55,7 +55,7 @@ class Sampling:
         for name, low in least.items():
             if getattr(self, name) < low:
                 raise ConfigError(f"{name} must be at least {low}, got {getattr(self, name)}")
-        if self.perplexity < 1:
+        if not self.perplexity >= 1:  # nor NaN
             raise ConfigError(f"perplexity must be at least 1, got {self.perplexity:g}")
         check_density(self.components, self.variance, self.games * self.steps)
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Self
 
-from pydantic import BaseModel, ValidationError, model_validator
+from pydantic import BaseModel, model_validator
 
 from apil_core.crossplay_document import Player
-from apil_core.errors import ConfigError
-from apil_core.files import write_atomically
+from apil_core.json_document import JsonDocument
 
 
 class Gap(BaseModel):
@@ -45,7 +43,7 @@ class LogLikelihood(BaseModel):
     to_baseline: Gap | None = None
 
 
-class ActivationMap(BaseModel):
+class ActivationMap(JsonDocument):
     """A victim's activations against each opponent.
 
     Attributes:
@@ -67,6 +65,8 @@ class ActivationMap(BaseModel):
         explained: share of it that they have.
         perplexity, seed, num_envs: of the t-SNE; of everything drawn; games in parallel.
     """
+
+    maker = "apil analyze activations"
 
     env: str
     victim: str
@@ -90,8 +90,6 @@ class ActivationMap(BaseModel):
     seed: int
     num_envs: int
     versions: dict[str, str]
-    created: str
-    command: list[str] = []
 
     @model_validator(mode="after")
     def _one_each(self) -> Self:
@@ -99,26 +97,3 @@ class ActivationMap(BaseModel):
         if len(lengths) > 1:
             raise ValueError("opponents, players, points and log_likelihood must be of one length")
         return self
-
-    def write(self, path: Path) -> None:
-        """Write it as JSON, whole or not at all.
-
-        Raises:
-            RunDirError: the file cannot be written; what was there before is untouched.
-        """
-        text = self.model_dump_json(indent=1)
-        write_atomically(path, lambda file: file.write(text.encode()))
-
-    @classmethod
-    def read(cls, path: Path) -> Self:
-        """What :meth:`write` wrote.
-
-        Raises:
-            ConfigError: it is not there, or something else.
-        """
-        try:
-            return cls.model_validate_json(path.read_text("utf-8"))
-        except FileNotFoundError:
-            raise ConfigError(f"{path}: no such file") from None
-        except (OSError, ValidationError, UnicodeDecodeError) as error:
-            raise ConfigError(f"{path}: this is no document of apil analyze activations") from error

@@ -163,7 +163,7 @@ def _config(
         config = resolve_layers(layers, plugins)
     except ApilError as error:
         first, *others = str(error).splitlines()
-        raise type(error)("\n".join([f"{where}: {first}", *others])) from error
+        raise ConfigError("\n".join([f"{where}: {first}", *others])) from error
     spec = plugins.policies.get(config.victim.partition(":")[0])
     # the matrix names its victims as the command line would: whoever runs it wants their code to run
     return config.model_copy(update={"trust": True}) if spec is not None and spec.runs_code else config

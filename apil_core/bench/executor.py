@@ -7,6 +7,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Protocol
 
+from apil_core.bench.folder import BenchDir
 from apil_core.bench.supervised import SupervisedJob
 from apil_core.bench.work import Outcome
 
@@ -65,7 +66,11 @@ class LocalProcesses:
         with self._lock:
             if self._stopping:
                 return "interrupted"
-            process = SupervisedJob(self._root, job, self._threads)
+            try:
+                process = SupervisedJob(self._root, job, self._threads)
+            except OSError as error:
+                BenchDir(self._root).note_failure(job, f"cannot be started: {error}")
+                return "failed"
             self._running.add(process)
         with process:
             try:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from apil_core.bench.cells import Benchmark, Cell
 from apil_core.bench.folder import BenchDir, read_score
 from apil_core.bench.matrix import ScoreConfig
+
+if TYPE_CHECKING:
+    from apil_core.crossplay_document import CrossPlay
 
 CELL, BASELINE, RETRAINING, CROSSPLAY, ACTIVATIONS, SNAPSHOTS = (
     "cells",
@@ -69,7 +72,7 @@ def make_jobs(benchmark: Benchmark) -> list[Job]:
         if matrix.has("crossplay", game):
             hardened = tuple(job.name for job in retrainings if job.needs[0] in ends)
             jobs.append(Job(CROSSPLAY, game, after=(*ends, *hardened)))
-        if matrix.has("activations", game):
+        if matrix.has("activations", game) and game in benchmark.baselines:  # who stands for normal play
             jobs.append(Job(ACTIVATIONS, game, after=ends))
         if matrix.has("snapshots", game):
             jobs += [Job(SNAPSHOTS, end.partition("/")[2], needs=(end,)) for end in ends]
@@ -119,17 +122,21 @@ class Ledger:
         cell = next(c for c in self.benchmark.cells_of(game) if c.victim == victim)
         folder = self.bench.baseline_dir(game, victim)
         scores = self.benchmark.matrix.scores_of(game)
+        now = self.benchmark.baselines[game]
+        found = {name: read_score(folder, name) for name in scores}
         return {
             name: wanted
             for name, wanted in scores.items()
-            if not matches(read_score(folder, name), wanted, cell, None)
+            # who stands in for a baseline whose weights are not here changes when they come
+            if not matches(found[name], wanted, cell, None)
+            or (":" in now and found[name].adversary.name != now)
         }
 
     def adversaries(self, game: str) -> dict[str, str]:
         """Label → name of all who can attack in a game by now: its baseline, and the trained cells."""
         baseline = self.benchmark.baselines.get(game)
         cells = [cell for cell in self.benchmark.cells_of(game) if self.trained(cell)]
-        names = labels(cells)
+        names = labels(self.benchmark.cells_of(game))  # also of those to come: a label must not change then
         runs = {names[c.name]: f"run:{self.bench.cell(c.name).path.resolve()}" for c in cells}
         return {**({"baseline": baseline} if baseline else {}), **runs}
 
@@ -164,13 +171,35 @@ class Ledger:
     def _crossplay_done(self, game: str) -> bool:
         from apil_core.bench.stages import read_crossplay
 
-        return covers(read_crossplay(self.bench, game), self.adversaries(game), self.victims(game))
+        found = read_crossplay(self.bench, game)
+        if found is None or self.valid_crossplay(found, game) != found:
+            return False
+        return covers(found, self.adversaries(game), self.victims(game))
+
+    def valid_crossplay(self, document: CrossPlay, game: str) -> CrossPlay:
+        """What of a cross-play was played by those who are here now, as the matrix wants it."""
+        from apil_core.bench.still_valid import still_valid
+        from apil_core.game_options import stored_physics
+
+        stage, cells = self.benchmark.matrix.crossplay, self.benchmark.cells_of(game)
+        wanted = None if stage is None else (stage.episodes, stage.physics or stored_physics(cells[0].config))
+        hashes = {f"vs {label}": self._hardened_sha256(name) for name, label in labels(cells).items()}
+        return still_valid(document, self.adversaries(game), self.victims(game), hashes, wanted)
+
+    def _hardened_sha256(self, cell_name: str) -> str:
+        from apil_core.rundir import RunDir
+
+        result = RunDir(self.bench.retrained_dir(cell_name)).result() or {}
+        return str(result.get("hardened", {}).get("sha256", ""))
 
     def _activations_done(self, game: str) -> bool:
         from apil_core.bench.stages import read_activations
+        from apil_core.bench.still_valid import same_players
 
-        found = read_activations(self.bench, game)
-        return found is not None and set(self.adversaries(game)) <= set(found.opponents)
+        found, stage = read_activations(self.bench, game), self.benchmark.matrix.activations
+        if found is None or stage is None or found.games_per_opponent != stage.episodes:
+            return False
+        return same_players(found.players, self.adversaries(game))
 
     def _snapshots_done(self, name: str) -> bool:
         return self.bench.snapshot_path(name).is_file()

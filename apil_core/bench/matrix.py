@@ -120,12 +120,12 @@ class Matrix(Section):
     """Seeds, as a list or as 0..4."""
     steps: Annotated[tuple[int, ...], BeforeValidator(_steps), Field(min_length=1)] = (35_000_000,)
     """Budgets, environment steps of training; 1M and 300k are fine."""
-    victims: dict[str, Names] = Field(default_factory=dict)
+    victims: dict[str, Annotated[Names, Field(min_length=1)]] = Field(default_factory=dict)
     """Policies under attack by game; a game that is not named has its own default victim."""
     presets: Names = ()
     """Ready-made settings of runs, e.g. paper; `config` lies over them."""
     config: dict[str, Any] = Field(default_factory=dict)
-    """Settings of all runs, as in a run's own config file."""
+    """Settings of all runs, as in a run's own config file; paths start at the matrix's file."""
     axes: dict[str, Annotated[tuple[Any, ...], Field(min_length=1)]] = Field(default_factory=dict)
     """Further axes: a setting as --set names it, and its values."""
     scores: dict[str, ScoreConfig] = Field(default_factory=lambda: {PLAIN: ScoreConfig()})
@@ -169,7 +169,15 @@ class Matrix(Section):
             if not _NAME.fullmatch(name):
                 raise ValueError(f"scores.{name}: a name is made of letters, digits and . _ -")
         self._check_games()
+        self._check_game_axes()
         return self
+
+    def _check_game_axes(self) -> None:
+        """Who would be played against whom in which variant of the game is not for us to guess."""
+        games = [key for key in self.axes if key.partition(".")[0] == "game"]
+        for stage in ("crossplay", "activations"):
+            if games and stage in self.stages:
+                raise ValueError(f"{stage} needs one game for all its players: leave out axes.{games[0]}")
 
     def _check_games(self) -> None:
         named = {
@@ -257,10 +265,12 @@ def load_matrix(name: str) -> Matrix:
     from pydantic import ValidationError
 
     from apil_core.config_errors import Problem, problems_of, raise_problems
-    from apil_core.config_layers import parse_yaml
+    from apil_core.config_layers import from_folder, parse_yaml
 
     text, origin = matrix_text(name)
     data, lines = parse_yaml(text, origin)
+    if isinstance(data.get("config"), dict) and origin == str(Path(name)):
+        data["config"] = from_folder(Path(name).parent, data["config"])
     origins = {key: f"{origin}:{line}" for key, line in lines.items()}
     version = data.get("version")
     if isinstance(version, int) and version > MATRIX_VERSION:

@@ -10,10 +10,11 @@ from typing import Literal
 from apil_core.bench.executor import Executor
 from apil_core.bench.jobs import Job, Ledger
 from apil_core.bench.work import Outcome
+from apil_core.stop_signal import on_stop_signal
 
 State = Literal["waiting", "queued", "running", "done", "failed", "interrupted", "left out"]
 
-_PERIOD = 1.0
+_PERIOD = 0.25
 """Seconds between looks at what is going on."""
 
 
@@ -21,10 +22,13 @@ class Watch:
     """Who is told how a benchmark goes; this one stays silent."""
 
     def update(self, states: dict[str, State]) -> None:
-        """About once a second, and after every end of a job."""
+        """A few times a second, and after every end of a job."""
 
     def ended(self, job: Job, state: State, reason: str) -> None:
         """A job ended; ``reason`` says why it failed."""
+
+    def stopping(self, at_once: bool) -> None:
+        """Somebody asked to stop: with checkpoints, or, the second time, at once."""
 
 
 @dataclass
@@ -49,7 +53,7 @@ class Course:
 def run_jobs(jobs: Sequence[Job], ledger: Ledger, executor: Executor, watch: Watch | None = None) -> Course:
     """Run all jobs that are not done yet; a failing one does not stop the others.
 
-    Ctrl-C (``KeyboardInterrupt``) lets running jobs write their checkpoints; a second one ends them at once.
+    Ctrl-C or SIGTERM lets running jobs write their checkpoints; a second one ends them at once.
 
     Args:
         jobs: in the order they should be started.
@@ -58,22 +62,40 @@ def run_jobs(jobs: Sequence[Job], ledger: Ledger, executor: Executor, watch: Wat
         watch: told how it goes.
     """
     scheduler = _Scheduler(jobs, ledger, executor, watch or Watch())
-    while not scheduler.over:
-        try:
-            scheduler.step()
-        except KeyboardInterrupt:
-            scheduler.course.interrupted = True
-            executor.stop()
+    try:
+        with on_stop_signal(scheduler.ask_to_stop):
+            while not scheduler.over:
+                scheduler.step()
+    except BaseException:
+        executor.stop()  # else closing it would wait for all that runs, to the last step
+        raise
     return scheduler.course
+
+
+def jobs_done(jobs: Sequence[Job], ledger: Ledger) -> tuple[str, ...]:
+    """Names of jobs with nothing left to do.
+
+    What is made of several cells is not done while one of them is to come: it may have a part in it then.
+    """
+    done: list[str] = []
+    for job in jobs:
+        if all(end in done for end in job.after) and ledger.is_done(job):
+            done.append(job.name)
+    return tuple(done)
 
 
 class _Scheduler:
     def __init__(self, jobs: Sequence[Job], ledger: Ledger, executor: Executor, watch: Watch):
         self._jobs = {job.name: job for job in jobs}
         self._ledger, self._executor, self._watch = ledger, executor, watch
-        kept = tuple(job.name for job in jobs if ledger.is_done(job))
+        kept = jobs_done(jobs, ledger)
         self.course = Course({name: "done" if name in kept else "waiting" for name in self._jobs}, kept)
         self._futures: dict[Future[Outcome], str] = {}
+        self._asked = self._heeded = 0
+
+    def ask_to_stop(self) -> None:
+        """Note a wish to stop; a signal's handler, so it does no more than that."""
+        self._asked += 1
 
     @property
     def over(self) -> bool:
@@ -84,12 +106,21 @@ class _Scheduler:
         """Start what can be started, wait a moment, and take note of what ended."""
         if not self.course.interrupted:
             self._start_ready()
-        ended, _ = wait(self._futures, timeout=_PERIOD, return_when=FIRST_COMPLETED)
-        for future in ended:
+        wait(self._futures, timeout=_PERIOD, return_when=FIRST_COMPLETED)
+        self._heed()
+        # what it returned would lack the cancelled ones: nobody notifies those who wait for them
+        for future in [future for future in self._futures if future.done()]:
             self._take(future)
         for future, name in self._futures.items():
             self.course.states[name] = "running" if future.running() else "queued"
         self._watch.update(self.course.states)
+
+    def _heed(self) -> None:
+        while self._heeded < self._asked:
+            self._heeded += 1
+            self.course.interrupted = True
+            self._watch.stopping(at_once=self._heeded > 1)
+            self._executor.stop()
 
     def _start_ready(self) -> None:
         states = self.course.states

@@ -13,10 +13,14 @@ from apil_core.progress import Progress
 from apil_core.rundir import RunDir
 
 if TYPE_CHECKING:
-    from apil_core.activations.document import ActivationMap
+    from apil_core.activations.models import ActivationMap
     from apil_core.bench.jobs import Ledger
     from apil_core.crossplay_document import CrossPlay
-    from apil_core.pairing import PairingOptions
+    from apil_core.crossplay_players import SharedOptions
+    from apil_core.profiles import Profile
+
+BASELINE = "baseline"
+"""Label of a game's own opponent of the victim."""
 
 _TRIES = 60
 """Games looked at for one that the adversary wins."""
@@ -40,7 +44,7 @@ def read_activations(bench: BenchDir, game: str) -> ActivationMap | None:
     Raises:
         ConfigError: its file is damaged.
     """
-    from apil_core.activations.document import ActivationMap
+    from apil_core.activations.models import ActivationMap
 
     path = bench.activations_path(game)
     return ActivationMap.read(path) if path.is_file() else None
@@ -48,6 +52,7 @@ def read_activations(bench: BenchDir, game: str) -> ActivationMap | None:
 
 def harden(ledger: Ledger, cell: Cell, threads: int, progress: Progress) -> bool:
     """Retrain the cell's victim against its adversary and the game's baseline; false if it was stopped."""
+    from apil_core.bench.still_valid import check_same_retraining
     from apil_core.retraining.retrain import resume, retrain
     from apil_core.retraining.settings import settings
 
@@ -56,6 +61,7 @@ def harden(ledger: Ledger, cell: Cell, threads: int, progress: Progress) -> bool
         raise ConfigError(f"the matrix of {ledger.bench.path} has no retraining")
     shared: Any = {"progress": progress, "plugins": ledger.benchmark.plugins, "command": ledger.command}
     if RunDir(directory).checkpoints():
+        check_same_retraining(directory, stage)
         return resume(directory, steps=stage.steps, threads=threads, **shared).status == "finished"
     shutil.rmtree(directory, ignore_errors=True)  # killed before its first checkpoint
     flags = {
@@ -66,6 +72,8 @@ def harden(ledger: Ledger, cell: Cell, threads: int, progress: Progress) -> bool
         "baseline": ledger.benchmark.baselines[cell.game],
         "seed": cell.seed,
         "threads": threads,
+        "trust": cell.config.trust,
+        "device": cell.config.device,
         # cross-play scores it, against these and all others
         "evaluation.episodes": 0,
     }
@@ -81,21 +89,13 @@ def play_all(ledger: Ledger, game: str, threads: int, progress: Progress) -> Non
     stage = ledger.benchmark.matrix.crossplay
     if stage is None:
         raise ConfigError(f"the matrix of {ledger.bench.path} has no cross-play")
+    options = _shared(ledger, game, threads, stage.physics)
     config = ledger.benchmark.cells_of(game)[0].config
-    options: PairingOptions = {
-        "env": game,
-        "threads": threads,
-        "plugins": ledger.benchmark.plugins,
-        "trust": config.trust,
-        "physics": stage.physics,
-        "adversary_actions": config.evaluation.adversary_actions,
-        "victim_actions": config.evaluation.victim_actions,
-        "game_options": config.game
-        if stage.physics is None
-        else without_physics(config, ledger.benchmark.plugins),
-    }
     path = ledger.bench.crossplay_path(game)
     path.parent.mkdir(parents=True, exist_ok=True)
+    stored = read_crossplay(ledger.bench, game)
+    if stored is not None:  # the matrix may have been extended since
+        ledger.valid_crossplay(stored, game).write(path)
     crossplay(
         ledger.adversaries(game),
         ledger.victims(game),
@@ -109,8 +109,41 @@ def play_all(ledger: Ledger, game: str, threads: int, progress: Progress) -> Non
 
 
 def map_activations(ledger: Ledger, game: str, threads: int, progress: Progress) -> None:
-    """The victim's activations against each adversary."""
-    raise NotImplementedError
+    """The activations of the game's (first) victim against each adversary, normal play among them."""
+    from apil_core.activations.analysis import Sampling, analyze
+
+    stage = ledger.benchmark.matrix.activations
+    if stage is None:
+        raise ConfigError(f"the matrix of {ledger.bench.path} has no activations")
+    opponents = ledger.adversaries(game)
+    config = ledger.benchmark.cells_of(game)[0].config
+    found = analyze(
+        {label: name for label, name in opponents.items() if label != BASELINE},
+        victim=config.victim,
+        baseline=ledger.benchmark.baselines.get(game),
+        sampling=Sampling(games=stage.episodes),
+        seed=config.seed,
+        progress=progress,
+        **_shared(ledger, game, threads, None),
+    )
+    path = ledger.bench.activations_path(game)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    found.write(path)
+
+
+def _shared(ledger: Ledger, game: str, threads: int, physics: Profile | None) -> SharedOptions:
+    """How a game's cells are played against each other."""
+    config, plugins = ledger.benchmark.cells_of(game)[0].config, ledger.benchmark.plugins
+    return {
+        "env": game,
+        "threads": threads,
+        "plugins": plugins,
+        "trust": config.trust,
+        "physics": physics,
+        "adversary_actions": config.evaluation.adversary_actions,
+        "victim_actions": config.evaluation.victim_actions,
+        "game_options": config.game if physics is None else without_physics(config, plugins),
+    }
 
 
 def take_snapshots(ledger: Ledger, cell: Cell, progress: Progress) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -15,6 +16,9 @@ from apil_core.bench.work import Outcome
 _INTERRUPTED = 130
 """Exit code of a process that was asked to stop and left a checkpoint."""
 
+_BETWEEN = 0.1
+"""Seconds between looks whether it has ended."""
+
 
 class SupervisedJob:
     """A running job; use it in ``with``.
@@ -23,9 +27,13 @@ class SupervisedJob:
         root: the benchmark's directory.
         job: name of the job.
         threads: physics threads.
+        folder: where relative paths of the matrix start; default: here.
+
+    Raises:
+        OSError: its log cannot be written, or no process can be started.
     """
 
-    def __init__(self, root: Path, job: str, threads: int):
+    def __init__(self, root: Path, job: str, threads: int, folder: Path | None = None):
         self._bench = BenchDir(root)
         self._job = job
         self._asked = False
@@ -35,6 +43,7 @@ class SupervisedJob:
         command = [sys.executable, "-m", "apil_core.cli", "bench", "work", str(root), job]
         self._process = subprocess.Popen(
             [*command, "--threads", str(threads), "--supervised"],
+            cwd=folder,
             # its other end closes when we end, even if we are killed: see cli/bench_work.py
             stdin=subprocess.PIPE,
             stdout=self._log,
@@ -45,12 +54,17 @@ class SupervisedJob:
 
     def stop(self) -> None:
         """Ask it to stop with a checkpoint; the second time: at once."""
-        self._process.send_signal(signal.SIGKILL if self._asked else signal.SIGINT)
+        if self._asked:
+            self._process.kill()
         self._asked = True
+        self._let_go()
 
     def wait(self) -> Outcome:
         """How it ended; why it failed is noted in the benchmark's directory."""
-        code = self._process.wait()
+        # not one long wait: what Ray raises to cancel a task comes between two steps of Python's
+        while self._process.poll() is None:
+            time.sleep(_BETWEEN)
+        code = self._process.returncode
         if code == 0:
             return "done"
         if code == _INTERRUPTED or self._asked:
@@ -70,7 +84,11 @@ class SupervisedJob:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._process.stdin is not None:
-            self._process.stdin.close()
+        self._let_go()
         self._process.wait()
         self._log.close()
+
+    def _let_go(self) -> None:
+        """Close the pipe, which is what it stops for; a signal might be blocked, or come too early."""
+        if self._process.stdin is not None:
+            self._process.stdin.close()

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import shutil
-import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
+
+from filelock import FileLock, Timeout
 
 from apil_core.bench.cells import Benchmark, Cell, resolve_matrix
 from apil_core.bench.folder import BenchDir, write_score
@@ -31,7 +33,7 @@ from apil_core.rundir import RunDir
 
 Outcome = Literal["done", "interrupted", "failed"]
 
-_PATIENCE = 120.0
+_PATIENCE = 600.0
 """Seconds: an iteration takes no longer, except on machines where all hope is lost."""
 
 _FREE = ("threads", "device", "trust", "victim_sha256", "recorders", "log_rows", "checkpoint", "evaluation")
@@ -56,31 +58,32 @@ def perform(root: Path, name: str, *, threads: int = 1, progress: Progress | Non
         job = next((job for job in make_jobs(benchmark) if job.name == name), None)
         if job is None:
             raise ConfigError(f"{root} has no job {name!r}")
-        bench.note_failure(name, "")
-        _await_predecessor(bench, job)
-        done = _Worker(bench, benchmark, threads, progress or Progress()).do(job)
+        with _alone(bench, name):
+            bench.note_failure(name, "")
+            done = _Worker(bench, benchmark, threads, progress or Progress()).do(job)
     except Exception as error:
         bench.note_failure(name, " ".join(str(error).split()) or type(error).__name__)
         raise
     return "done" if done else "interrupted"
 
 
-def _await_predecessor(bench: BenchDir, job: Job) -> None:
-    """Wait for a process that was at this job, and is writing its last checkpoint since its supervisor died.
+@contextmanager
+def _alone(bench: BenchDir, name: str) -> Iterator[None]:
+    """Hold a job. A process whose supervisor has died may be at it still, writing its last checkpoint.
 
     Raises:
         RunDirError: it goes on and on.
     """
-    path = {CELL: bench.cell(job.subject).path, RETRAINING: bench.retrained_dir(job.subject)}.get(job.kind)
-    deadline = time.monotonic() + _PATIENCE
-    while path is not None and path.is_dir():
-        try:
-            with RunDir(path).lock():
-                return
-        except RunDirError:
-            if time.monotonic() > deadline:
-                raise
-            time.sleep(1)
+    bench.logs.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(bench.logs / f".{name.replace('/', '_')}.lock")
+    try:
+        lock.acquire(timeout=_PATIENCE)
+    except Timeout as error:
+        raise RunDirError(f"another process has been at {name} for {_PATIENCE:.0f} s more") from error
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 class _Worker:

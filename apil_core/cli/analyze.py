@@ -9,13 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Group, Parameter
 
 from apil_core.cli.app import sub_app
-from apil_core.cli.crossplay import names
-from apil_core.cli.flags import PHYSICS_HELP, Json, Plugins, Quiet
+from apil_core.cli.crossplay import WHERE, Actions, GameSets, Physics, names
+from apil_core.cli.flags import Json, Plugins, Quiet
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
-from apil_core.config import ActionMode
 from apil_core.errors import ConfigError
-from apil_core.profiles import Profile
 
 if TYPE_CHECKING:
     from apil_core.activations.models import ActivationMap, LogLikelihood
@@ -26,7 +24,6 @@ app = sub_app("analyze", "Look inside: the victim's activations against each opp
 DOCUMENT, PICTURE = "activations.json", "activations.png"
 
 _WHO = Group("Who plays", sort_key=0)
-_WHERE = Group("In which game; the same one for all", sort_key=1)
 _HOW = Group("How much, and how", sort_key=2)
 
 
@@ -51,28 +48,12 @@ def activations(
         names("What opponents are called [default: methods, policy names].", group=_WHO, metavar="LABEL,…"),
     ] = None,
     env: Annotated[
-        str | None, Parameter(alias="-e", group=_WHERE, help="Game; needed if no opponent is a run.")
+        str | None, Parameter(alias="-e", group=WHERE, help="Game; needed if no opponent is a run.")
     ] = None,
-    physics: Annotated[
-        Profile | None,
-        Parameter(group=_WHERE, help=f"Physics profile; {PHYSICS_HELP} [default: the runs', else faithful]."),
-    ] = None,
-    adversary_actions: Annotated[
-        ActionMode | None,
-        Parameter(
-            group=_WHERE, help="Draw the opponents' actions, or take the mode [default: as configured]."
-        ),
-    ] = None,
-    victim_actions: Annotated[
-        ActionMode | None,
-        Parameter(group=_WHERE, help="Draw the victim's actions, or take the mode [default: as configured]."),
-    ] = None,
-    sets: Annotated[
-        list[str] | None,
-        Parameter(
-            name="--set", group=_WHERE, metavar="game.KEY=VALUE", help="One option of the game; repeatable."
-        ),
-    ] = None,
+    physics: Physics = None,
+    adversary_actions: Actions = None,
+    victim_actions: Actions = None,
+    sets: GameSets = None,
     games: Annotated[
         int, Parameter(group=_HOW, help="Games against each; normal play gets as many more to fit on.")
     ] = 100,
@@ -154,8 +135,8 @@ app.command(activations)
 
 def _places(out: Path | None, picture: Path | None, force: bool) -> tuple[Path | None, Path | None]:
     """Where document and picture go; checked before minutes of playing."""
-    from apil_core.crossplay_file import check_place
     from apil_core.curve_picture import check_picture
+    from apil_core.files import check_place
 
     if out is not None and out.suffix != ".json":
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Collection
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -75,13 +76,15 @@ def run(
     from apil_core.bench.cells import resolve_matrix
     from apil_core.bench.folder import BenchDir
     from apil_core.bench.jobs import Ledger, make_jobs
+    from apil_core.bench.players import with_full_names
     from apil_core.bench.schedule import run_jobs
     from apil_core.cli.bench_table import make_watch, print_course, print_plan
 
     source, directory = _source(matrix, out)
     benchmark = resolve_matrix(source, matrix)
     bench = BenchDir(directory)
-    benchmark = _same_as_stored(bench, benchmark)
+    named = [game for game, victims in source.victims.items() if "auto" not in victims]
+    benchmark = _same_as_stored(bench, with_full_names(benchmark, matrix), named)
     count, each = _share(workers, threads, executor)
     jobs = make_jobs(benchmark)
     ledger = Ledger(bench, benchmark)
@@ -117,22 +120,35 @@ def _source(name: str, out: Path | None) -> tuple[Any, Path]:
     return matrix, out or _ROOT / (Path(name).stem if name.endswith((".yaml", ".yml")) else Path(name).name)
 
 
-def _same_as_stored(bench: Any, benchmark: Benchmark) -> Benchmark:
+def _same_as_stored(bench: Any, benchmark: Benchmark, named: Collection[str] = ()) -> Benchmark:
     """The benchmark with the victims its directory has pinned.
 
+    Args:
+        bench: its directory.
+        benchmark: asked for.
+        named: games whose victims the matrix names itself.
+
     Raises:
-        ConfigError: a cell that was begun there has other settings now.
+        ConfigError: a cell or a retraining that was begun there has other settings now.
         RunDirError: the directory holds something else.
     """
     from apil_core.bench.cells import resolve_matrix
+    from apil_core.bench.still_valid import check_same_retraining
     from apil_core.bench.work import check_same
     from apil_core.errors import RunDirError
 
     if not bench.matrix_path.is_file():
-        if bench.path.exists() and (not bench.path.is_dir() or any(bench.path.iterdir())):
+        if bench.path.exists() and (not bench.path.is_dir() or _occupied(bench.path)):
             raise RunDirError(f"{bench.path} exists and is no benchmark; choose another --out")
         return benchmark
     stored = bench.matrix().victims
+    for game in named:
+        before, now = stored.get(game), benchmark.matrix.victims[game]
+        if before not in (None, now):
+            raise ConfigError(
+                f"{bench.path} attacks {', '.join(before)} in {game}, the matrix says {', '.join(now)}; "
+                "give the changed matrix another --out"
+            )
     pinned = {game: stored.get(game, names) for game, names in benchmark.matrix.victims.items()}
     asked = benchmark.matrix.model_copy(update={"victims": pinned}, deep=True)
     benchmark = resolve_matrix(asked, str(bench.matrix_path))
@@ -140,7 +156,13 @@ def _same_as_stored(bench: Any, benchmark: Benchmark) -> Benchmark:
         run = bench.cell(cell.name)
         if run.config_path.is_file():
             check_same(run.config(), cell)
+        check_same_retraining(bench.retrained_dir(cell.name), benchmark.matrix.retraining)
     return benchmark
+
+
+def _occupied(path: Path) -> bool:
+    """Whether more is there than the lock of a benchmark that was killed before it wrote anything."""
+    return any(entry.name != ".lock" for entry in path.iterdir())
 
 
 def _share(workers: int | None, threads: int | None, executor: str) -> tuple[int, int]:
@@ -149,16 +171,14 @@ def _share(workers: int | None, threads: int | None, executor: str) -> tuple[int
     How many CPUs a cluster has is known to Ray alone: each job gets one there, and 0 workers stand for
     as many as fit.
     """
-    if executor == "ray":
-        workers, threads = (0 if workers is None else workers), threads or 1
-        return workers, threads
-    cpus = os.cpu_count() or 1
-    count = workers if workers is not None else cpus
-    each = threads if threads is not None else max(cpus // max(count, 1), 1)
-    for name, value in (("--workers", count), ("--threads", each)):
-        if value < 1:
+    for name, value in (("--workers", workers), ("--threads", threads)):
+        if value is not None and value < 1:
             raise ConfigError(f"{name} must be at least 1, got {value}")
-    return count, each
+    if executor == "ray":
+        return workers or 0, threads or 1
+    cpus = os.cpu_count() or 1
+    count = workers or cpus
+    return count, threads or max(cpus // count, 1)
 
 
 def _executor(kind: str, root: Path, workers: int, threads: int, address: str | None) -> Executor:

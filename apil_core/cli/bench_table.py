@@ -6,13 +6,14 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from rich.live import Live
 from rich.table import Table
 
 from apil_core.bench.jobs import CELL, RETRAINING, Job, Ledger
-from apil_core.bench.schedule import Course, State, Watch
+from apil_core.bench.schedule import Course, State, Watch, jobs_done
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.readout import duration, outcomes
 from apil_core.rundir import RunDir
@@ -23,6 +24,11 @@ if TYPE_CHECKING:
 
 _BETWEEN = 2.0
 """Seconds between looks into the directories of running cells."""
+
+_STOPPING = {
+    False: "stopping: what runs finishes its iteration and writes a checkpoint (once more: at once)",
+    True: "stopping at once",
+}
 
 
 class QuietWatch(Watch):
@@ -38,7 +44,7 @@ class LineWatch(QuietWatch):
     def __init__(self, jobs: Sequence[Job], ledger: Ledger):
         self._total = len(jobs)
         self._ended = 0
-        kept = sum(ledger.is_done(job) for job in jobs)
+        kept = len(jobs_done(jobs, ledger))
         print(
             f"{self._total} jobs in {ledger.bench.path}, {kept} of them done before",
             file=sys.stderr,
@@ -52,6 +58,10 @@ class LineWatch(QuietWatch):
         why = f": {reason}" if reason else ""
         count = f"{self._kept + self._ended} of {self._total}"
         print(f"{time.strftime('%H:%M:%S')} {count}: {job.name} {state}{why}", file=sys.stderr, flush=True)
+
+    def stopping(self, at_once: bool) -> None:
+        """See :class:`Watch`."""
+        print(_STOPPING[at_once], file=sys.stderr, flush=True)
 
 
 class TableWatch(QuietWatch):
@@ -75,6 +85,10 @@ class TableWatch(QuietWatch):
         """See :class:`Watch`."""
         why = f": {reason}" if reason else ""
         self._live.console.print(f"{job.name} {state}{why}", markup=False)
+
+    def stopping(self, at_once: bool) -> None:
+        """See :class:`Watch`."""
+        self._live.console.print(_STOPPING[at_once], markup=False)
 
     def close(self) -> None:
         """See :class:`QuietWatch`."""
@@ -112,10 +126,11 @@ def make_watch(jobs: Sequence[Job], ledger: Ledger, *, quiet: bool) -> QuietWatc
 
 
 def _metrics(ledger: Ledger, job: Job) -> dict[str, Any]:
-    if job.kind == CELL:
-        return ledger.bench.cell(job.subject).last_metrics()
-    if job.kind == RETRAINING:
-        return RunDir(ledger.bench.retrained_dir(job.subject)).last_metrics()
+    with suppress(FileNotFoundError):  # one killed before its first checkpoint is just begun anew
+        if job.kind == CELL:
+            return ledger.bench.cell(job.subject).last_metrics()
+        if job.kind == RETRAINING:
+            return RunDir(ledger.bench.retrained_dir(job.subject)).last_metrics()
     return {}
 
 
@@ -163,7 +178,7 @@ def print_plan(
     )
     screen.print(
         f"left: about {cost.hours(workers):.1f} h on {workers} workers if they do not slow each other down, "
-        "games of cross-play, activations and pictures not counted",
+        "games of baselines, cross-play, activations and pictures not counted",
         markup=False,
     )
 

@@ -29,9 +29,16 @@ def work(
     from apil_core.cli.plain import PlainProgress
 
     if supervised:
+        _listen()
         threading.Thread(target=_follow_supervisor, daemon=True).start()
     progress = PlainProgress()
     return 0 if perform(root, job, threads=threads, progress=progress) == "done" else INTERRUPTED
+
+
+def _listen() -> None:
+    """Hear Ctrl-C even if we inherited that it is blocked (as Ray does) or ignored (as nohup does)."""
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _follow_supervisor() -> None:

@@ -18,7 +18,22 @@ if TYPE_CHECKING:
     from apil_core.crossplay_players import SharedOptions
 
 _WHO = Group("Who plays", sort_key=0)
-_WHERE = Group("In which game; the same one for all", sort_key=1)
+WHERE = Group("In which game; the same one for all", sort_key=1)
+
+Physics = Annotated[
+    Profile | None,
+    Parameter(group=WHERE, help=f"Physics profile; {PHYSICS_HELP} [default: the runs', else faithful]."),
+]
+Actions = Annotated[
+    ActionMode | None,
+    Parameter(group=WHERE, help="Draw actions, or take the mode [default: as configured]."),
+]
+GameSets = Annotated[
+    list[str] | None,
+    Parameter(
+        name="--set", group=WHERE, metavar="game.KEY=VALUE", help="One option of the game; repeatable."
+    ),
+]
 
 
 def listed(_: Any, tokens: Any) -> list[str]:
@@ -55,26 +70,12 @@ def crossplay(
         names("What columns are called [default: original, names].", group=_WHO, metavar="LABEL,…"),
     ] = None,
     env: Annotated[
-        str | None, Parameter(alias="-e", group=_WHERE, help="Game; needed if no adversary is a run.")
+        str | None, Parameter(alias="-e", group=WHERE, help="Game; needed if no adversary is a run.")
     ] = None,
-    physics: Annotated[
-        Profile | None,
-        Parameter(group=_WHERE, help=f"Physics profile; {PHYSICS_HELP} [default: the runs', else faithful]."),
-    ] = None,
-    adversary_actions: Annotated[
-        ActionMode | None,
-        Parameter(group=_WHERE, help="Draw actions, or take the mode [default: as configured]."),
-    ] = None,
-    victim_actions: Annotated[
-        ActionMode | None,
-        Parameter(group=_WHERE, help="Draw actions, or take the mode [default: as configured]."),
-    ] = None,
-    sets: Annotated[
-        list[str] | None,
-        Parameter(
-            name="--set", group=_WHERE, metavar="game.KEY=VALUE", help="One option of the game; repeatable."
-        ),
-    ] = None,
+    physics: Physics = None,
+    adversary_actions: Actions = None,
+    victim_actions: Actions = None,
+    sets: GameSets = None,
     episodes: Annotated[int, Parameter(help="Games of each pairing; 300 give ± 6 points at 50 %.")] = 300,
     seed: Annotated[
         int, Parameter(help="Seed of the games and of all draws, the same for each pairing.")
@@ -102,10 +103,10 @@ def crossplay(
     from apil_core.cli.crossplay_table import print_crossplay
     from apil_core.crossplay import crossplay as play
     from apil_core.crossplay_document import comparisons
-    from apil_core.crossplay_file import check_place
     from apil_core.crossplay_labels import labelled
     from apil_core.crossplay_picture import draw_crossplay
     from apil_core.curve_picture import check_picture
+    from apil_core.files import check_place
 
     if picture is not None:
         check_picture(picture)

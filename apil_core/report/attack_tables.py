@@ -10,7 +10,7 @@ from apil_core.report.grouping import Groups, blinding
 from apil_core.report.labels import cell_marks
 from apil_core.report.models import Cell, Endings, MethodDifference, Setting, Table
 from apil_core.report.published import published
-from apil_core.report.settings import Key, victim_kind
+from apil_core.report.settings import Key
 from apil_core.report.sources import Sources
 from apil_core.report.statistics import compared, verdict
 
@@ -106,12 +106,14 @@ def _baseline(
     """The baseline adversary's score in the very same games; the one of most games if there are several."""
     members = [m for place, ms in groups.cells.items() if (place.key, place.game) == (key, game) for m in ms]
     played = [member.score.options_played for member in members]
+    victims = [member.score.victim for member in members]
     found = [
         score
         for score in sources.baselines
         if score.env == game
         and blinding(score) == blind
-        and (score.physics, victim_kind(game, score.victim.name)) == (key.physics, key.victim)
+        and score.physics == key.physics
+        and score.victim in victims
         and (score.adversary_actions, score.victim_actions) == (key.adversary_actions, key.victim_actions)
         and score.options_played in played
     ]

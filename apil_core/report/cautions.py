@@ -21,7 +21,7 @@ from apil_core.report.models import (
     Warning,
 )
 from apil_core.report.published import published
-from apil_core.report.settings import Key, game_of
+from apil_core.report.settings import Key, changed_options, game_of
 from apil_core.report.statistics import ENOUGH_SEEDS, compared
 from apil_core.report.words import amount, percent, several
 
@@ -40,6 +40,8 @@ _RARE = 0.01
 
 def setting_warnings(settings: Sequence[Setting], tables: Sequence[Table]) -> Iterator[Warning]:
     """What concerns every number of a setting; once if it concerns them all."""
+    scored = {table.setting for table in tables}
+    settings = [setting for setting in settings if setting.id in scored] or settings
     texts: dict[tuple[str, str], list[Setting]] = {}
     for setting in settings:
         for note in [*setting.notes, *_seed_notes(setting, tables)]:
@@ -238,7 +240,27 @@ def source_warnings(
             game=copy.run.config.env,
             column=copy.run.config.method,
         )
+    yield from _changed_options(groups, named)
     yield from _stand_ins(tables)
+
+
+def _changed_options(groups: Groups, named: Mapping[Key, Setting]) -> Iterator[Warning]:
+    """Methods that are not quite the published ones; a benchmark's axes and variants say so themselves."""
+    found: dict[tuple[str, str, str], dict[str, str]] = {}
+    for place, members in groups.cells.items():
+        if not place.key.variant:
+            known = {name for name, _ in place.key.axes}
+            texts = changed_options(members[0].run.config, known)
+            found.setdefault((named[place.key].id, place.method, ", ".join(texts)), {})[place.game] = ""
+    for (setting, method, text), games in found.items():
+        if text:
+            yield Warning(
+                kind="settings",
+                loud=True,
+                text=f"{method} in {', '.join(games)} has not its default options: {text}.",
+                setting=setting,
+                column=method,
+            )
 
 
 def _stand_ins(tables: Sequence[Table]) -> Iterator[Warning]:

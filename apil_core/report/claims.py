@@ -25,7 +25,7 @@ from apil_core.report.paper_claims import (
 )
 from apil_core.report.published import published
 from apil_core.report.statistics import ENOUGH_SEEDS, compared
-from apil_core.report.words import percent, several
+from apil_core.report.words import budget_mark, percent, several
 
 _HOLDS: Truth = "holds"
 _FAILS: Truth = "does not hold"
@@ -191,10 +191,8 @@ def _together(verdicts: Sequence[Truth]) -> Truth:
 
 def _short(setting: Setting) -> str:
     """Why the budget is not the published one, or ``""``."""
-    full = published().adversary_steps
-    if setting.steps is None or setting.steps < full or setting.budget:
-        return setting.budget or "an unknown budget"
-    return ""
+    marks = dict.fromkeys([setting.budget, budget_mark(setting.steps, published().adversary_steps)])
+    return " and ".join(filter(None, marks)) or ("an unknown budget" if setting.steps is None else "")
 
 
 def _at_budget(verdict: Truth, setting: Setting) -> Truth:

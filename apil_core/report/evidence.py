@@ -13,7 +13,7 @@ from apil_core.report.claims import claims
 from apil_core.report.courses import curve_panels, diagnostics
 from apil_core.report.grouping import group
 from apil_core.report.labels import settings
-from apil_core.report.models import Evidence, Warning
+from apil_core.report.models import Evidence, Setting, Warning
 from apil_core.report.provenance import provenance, unfinished
 from apil_core.report.published import published
 from apil_core.report.sources import Sources, read_sources
@@ -64,10 +64,22 @@ def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> Evidence:
         snapshots=other_results.snapshots(sources),
         diagnostics=courses,
         claims=claims(tables, all_settings),
-        warnings=sorted(warnings, key=lambda warning: not warning.loud),
+        warnings=sorted(_placed(warnings, all_settings), key=lambda warning: not warning.loud),
         unfinished=missing,
         provenance=provenance(sources),
     )
+
+
+def _placed(warnings: Sequence[Warning], settings: Sequence[Setting]) -> list[Warning]:
+    """With the setting in words, where warnings are about cells of several."""
+    cells = {warning.setting for warning in warnings if not warning.loud} - {None}
+    labels = {setting.id: setting.label for setting in settings if len(cells) > 1}
+    return [
+        warning
+        if warning.loud or warning.setting not in labels
+        else warning.model_copy(update={"text": f"{labels[warning.setting]}: {warning.text}"})
+        for warning in warnings
+    ]
 
 
 def _games(sources: Sources) -> list[str]:

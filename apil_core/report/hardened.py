@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from apil_core.bench.jobs import labels
 from apil_core.crossplay_document import CrossPlay, Player
 from apil_core.errors import ApilError
 from apil_core.evaluation import EvaluationResult
@@ -15,7 +16,7 @@ from apil_core.report.labels import cell_marks, setting_notes
 from apil_core.report.models import CrossPlayMatrix, SeedScore, Setting, Share, Table
 from apil_core.report.published import published
 from apil_core.report.settings import key_of, victim_kind
-from apil_core.report.sources import Sources
+from apil_core.report.sources import Sources, StoredBench
 from apil_core.report.statistics import share
 from apil_core.report.words import amount, budget_mark
 from apil_core.retraining.folder import RetrainDir
@@ -60,17 +61,48 @@ class _Entry(NamedTuple):
     score: SeedScore
 
 
+class Attack(NamedTuple):
+    """How an adversary was trained.
+
+    Attributes:
+        steps: the budget asked for; the last iteration may go beyond it.
+        victim: kind of the victim it was trained against.
+        axes: settings in which it is not the usual one.
+    """
+
+    steps: int
+    victim: str
+    axes: tuple[tuple[str, str], ...] = ()
+
+
 class Played(NamedTuple):
     """A cross-play with what its labels do not tell.
 
     Attributes:
         retrain_steps: the benchmark's budget of retraining.
-        axes: of the adversaries that are runs of this report, by label.
+        attacks: the adversaries that are runs of this report, by label.
     """
 
     document: CrossPlay
     retrain_steps: int | None
-    axes: Mapping[str, tuple[tuple[str, str], ...]]
+    attacks: Mapping[str, Attack]
+
+    def axes(self, label: str) -> tuple[tuple[str, str], ...]:
+        """Of the adversary of that label."""
+        return self.attacks[label].axes if label in self.attacks else ()
+
+    def attacked(self, label: str) -> str | None:
+        """Kind of the victim that the adversary of that label was trained against, if that is known."""
+        return self.attacks[label].victim if label in self.attacks else None
+
+    def steps(self, label: str) -> int | None:
+        """Training budget of the adversary of that label; ``None`` if it was not trained here."""
+        labels = [player.label for player in self.document.adversaries]
+        row = self.document.scores[labels.index(label)] if label in labels else []
+        trained = next((score.trained_steps for score in row if score is not None), None)
+        if trained is None or label not in self.attacks:
+            return trained
+        return min(trained, self.attacks[label].steps)
 
 
 def crossplays(sources: Sources) -> list[Played]:
@@ -79,17 +111,24 @@ def crossplays(sources: Sources) -> list[Played]:
     Raises:
         ApilError: a document is damaged.
     """
-    axes = {str(Path(run.path).resolve()): key_of(run, None).axes for run in sources.runs}
+    keys = {str(Path(run.path).resolve()): key_of(run, None) for run in sources.runs}
+    attacks = {path: Attack(key.steps or 0, key.victim, key.axes) for path, key in keys.items()}
     found = []
     for bench, matrix in sources.benches.values():
         steps = matrix.retraining.steps if matrix.retraining else None
         for path in (bench.crossplay_path(game) for game in matrix.games):
             document = CrossPlay.read(path) if path.is_file() else None
             if document is not None and document.played:
-                runs = {player.label: player.name.removeprefix("run:") for player in document.adversaries}
-                own = {label: axes[name] for label, name in runs.items() if name in axes}
-                found.append(Played(document, steps, own))
+                found.append(Played(document, steps, _known(bench, document, attacks)))
     return found
+
+
+def _known(bench: StoredBench, document: CrossPlay, attacks: Mapping[str, Attack]) -> dict[str, Attack]:
+    """By label; a benchmark that was moved has its cells by their labels still."""
+    cells = labels(bench.benchmark.cells_of(document.env))
+    paths = {label: str(bench.cell(name).path.resolve()) for name, label in cells.items()}
+    paths |= {p.label: path for p in document.adversaries if (path := p.name.removeprefix("run:")) in attacks}
+    return {label: attacks[path] for label, path in paths.items() if path in attacks}
 
 
 def matrices(documents: Sequence[Played]) -> list[CrossPlayMatrix]:
@@ -151,16 +190,16 @@ def _entries(played: Played) -> Iterator[_Entry]:
     """The victims' scores, seen from their side."""
     document = played.document
     for victim in document.victims:
-        original = victim.label.partition(" ")[0] == ORIGINAL
+        original = _is_original(victim)
         name = victim.label.removeprefix(AGAINST)
         if not original and name == victim.label:
             continue  # somebody else's victim
         teacher = next((player for player in document.adversaries if player.label == name), None)
-        for number, opponent in _opponents(played, teacher, original):
+        for number, opponent in _opponents(played, teacher, _attacked(played, victim), original):
             score = document.score(opponent.label, victim.label)
             if score is not None:
                 seed = teacher.seed if teacher else None if number == 3 else opponent.seed
-                steps = score.trained_steps if original else _trained(document, name)
+                steps = played.steps(opponent.label if original else name)
                 yield _Entry(
                     number,
                     _block(played, victim, score, steps, original),
@@ -170,21 +209,25 @@ def _entries(played: Played) -> Iterator[_Entry]:
                 )
 
 
-def _opponents(played: Played, teacher: Player | None, original: bool) -> Iterator[tuple[int, Player]]:
+def _opponents(
+    played: Played, teacher: Player | None, attacked: str, original: bool
+) -> Iterator[tuple[int, Player]]:
     """Whom a victim meets in tables 3 and 4: the baseline; E-APIL's, unablated, of its own budget and seed.
 
-    The victim as it was meets those of every budget and seed.
+    The victim as it was meets those of every budget and seed that were trained against it.
 
     Args:
         teacher: the adversary it was retrained against.
+        attacked: kind of the original victim.
         original: it was not.
     """
     document = played.document
     yield from ((3, player) for player in document.adversaries if player.label == BASELINE)
-    usual = [p for p in document.adversaries if p.method == STRONGEST and not played.axes.get(p.label)]
+    strongest = [p for p in document.adversaries if p.method == STRONGEST and not played.axes(p.label)]
+    usual = [p for p in strongest if played.attacked(p.label) in (None, attacked)]
     if not original and teacher is not None:
-        steps = _trained(document, teacher.label)
-        same_budget = [p for p in usual if _trained(document, p.label) == steps] or usual
+        steps = played.steps(teacher.label)
+        same_budget = [p for p in usual if played.steps(p.label) == steps] or usual
         usual = ([p for p in same_budget if p.seed == teacher.seed] or same_budget)[:1]
     yield from ((4, player) for player in usual)
 
@@ -193,24 +236,29 @@ def _block(
     played: Played, victim: Player, score: EvaluationResult, trained: int | None, original: bool
 ) -> Block:
     retraining = None if original else _retraining(victim)
-    firsts = [victim] if original else [p for p in played.document.victims if p.label == ORIGINAL]
-    attacked = retraining.victim if retraining else firsts[0].name if firsts else ""
     return Block(
         steps=trained,
         retrain_steps=None if original else retraining.steps if retraining else played.retrain_steps,
         physics=score.physics,
-        victim=victim_kind(score.env, attacked),
+        victim=_attacked(played, victim),
         adversary_actions=score.adversary_actions,
         victim_actions=score.victim_actions,
-        axes=() if original else played.axes.get(victim.label.removeprefix(AGAINST), ()),
+        axes=() if original else played.axes(victim.label.removeprefix(AGAINST)),
     )
 
 
-def _trained(document: CrossPlay, label: str) -> int | None:
-    """Training budget of the adversary of that label."""
-    labels = [player.label for player in document.adversaries]
-    row = document.scores[labels.index(label)] if label in labels else []
-    return next((score.trained_steps for score in row if score is not None), None)
+def _attacked(played: Played, victim: Player) -> str:
+    """Kind of the victim that it is, or was before it was retrained."""
+    document = played.document
+    if _is_original(victim):
+        return victim_kind(document.env, victim.name)
+    retraining = _retraining(victim)
+    firsts = [player.name for player in document.victims if player.label == ORIGINAL]
+    return victim_kind(document.env, retraining.victim if retraining else firsts[0] if firsts else "")
+
+
+def _is_original(victim: Player) -> bool:
+    return victim.label.partition(" ")[0] == ORIGINAL
 
 
 def _retraining(victim: Player) -> RetrainConfig | None:

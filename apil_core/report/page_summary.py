@@ -98,7 +98,7 @@ def _states(evidence: Evidence) -> str:
     states = Counter(run.status for run in evidence.provenance.runs)
     told = [f"{count} {state}" for state, count in states.most_common()]
     missing = len(evidence.unfinished)
-    return ", ".join(told) + (f"; {several(missing, 'cell')} without a score" if missing else "")
+    return ", ".join(told) + (f"; {several(missing, 'cell')} not finished" if missing else "")
 
 
 def _some(values: list[str], separator: str = ", ") -> str:

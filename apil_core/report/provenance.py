@@ -24,7 +24,7 @@ def provenance(sources: Sources) -> Provenance:
         if version not in versions[name]:
             versions[name].append(version)
     return Provenance(
-        directories=list(sources.benches) or list(dict.fromkeys(run.path for run in sources.runs)),
+        directories=[*sources.benches, *_single_runs(sources)],
         matrices={path: matrix.model_dump(mode="json") for path, (_, matrix) in sources.benches.items()},
         runs=facts,
         versions=versions,
@@ -35,6 +35,12 @@ def provenance(sources: Sources) -> Provenance:
         written=time.strftime("%Y-%m-%d %H:%M:%S%z"),
         apil=metadata.version("apil"),
     )
+
+
+def _single_runs(sources: Sources) -> list[str]:
+    """Directories of runs that belong to no benchmark."""
+    benches = [Path(path) for path in sources.benches]
+    return [run.path for run in sources.runs if not any(b in Path(run.path).parents for b in benches)]
 
 
 def _all(texts: Iterable[str]) -> list[str]:
@@ -68,7 +74,8 @@ def _session(path: Path) -> dict[str, Any]:
     """The last session's note; an empty one if there is none that can be read."""
     try:
         sessions = json.loads(path.read_text())
-        return dict(sessions[-1])
+        session = dict(sessions[-1])
+        return {**session, "versions": dict(session.get("versions", {}))}
     except (OSError, ValueError, IndexError, TypeError):
         return {}
 

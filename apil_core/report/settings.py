@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -141,6 +141,17 @@ def _other(config: RunConfig, default: RunConfig | None) -> dict[str, Any]:
         for key, (value, _) in differences(config, default).items()
         if key not in _FREE and not key.startswith(_FREE_SECTIONS) and key not in hidden
     }
+
+
+def changed_options(config: RunConfig, besides: Container[str]) -> list[str]:
+    """The method's options that differ from its defaults, ``key=value``, except some keys."""
+    default = default_config(config)
+    usual = {} if default is None else flatten(default.model_dump(mode="json"))
+    return [
+        f"{key}={value}"
+        for key, value in flatten(config.model_dump(mode="json")).items()
+        if key.startswith("options.") and key in usual and value != usual[key] and key not in besides
+    ]
 
 
 def conditions(score: EvaluationResult) -> str:

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from apil_core.bench.cells import resolve_matrix
+from apil_core.bench.cells import Benchmark, resolve_matrix
 from apil_core.bench.folder import BenchDir, CellDir, read_score
 from apil_core.bench.jobs import Job, make_jobs
 from apil_core.bench.matrix import PLAIN, Matrix
@@ -87,9 +87,14 @@ class StoredBench(BenchDir):
         return self._matrix
 
     @cached_property
+    def benchmark(self) -> Benchmark:
+        """What the matrix stands for."""
+        return resolve_matrix(self.matrix(), str(self.matrix_path))
+
+    @cached_property
     def jobs(self) -> list[Job]:
         """What it has to do."""
-        return make_jobs(resolve_matrix(self.matrix(), str(self.matrix_path)))
+        return make_jobs(self.benchmark)
 
 
 @dataclass(frozen=True)
@@ -137,7 +142,8 @@ def read_sources(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> Sources:
         if BenchDir(shown).matrix_path.is_file():
             _read_bench(StoredBench(shown), found)
         elif RunDir(shown).config_path.is_file():
-            found.runs.append(_read_run(RunDir(shown), shown.name))
+            if path not in {Path(run.path).resolve() for run in found.runs}:
+                found.runs.append(_read_run(RunDir(shown), shown.name))
         else:
             raise RunDirError(f"{shown} is no benchmark (no matrix.yaml in it) and no run (no config.yaml)")
     if not found.runs and not found.missing:

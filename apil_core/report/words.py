@@ -6,8 +6,9 @@ from __future__ import annotations
 def amount(steps: int) -> str:
     """``35 M``, ``1.5 M``, ``300 k`` or ``512``."""
     for size, unit in ((10**6, " M"), (10**3, " k")):
-        if steps >= size:
-            return f"{steps / size:.3g}{unit}"
+        if steps >= 0.9995 * size:  # what rounds up to it
+            number = steps / size
+            return f"{number:.3g}{unit}" if number < 999.5 else f"{number:.0f}{unit}"
     return str(steps)
 
 
@@ -20,7 +21,9 @@ def budget_mark(steps: int | None, published: int) -> str:
     """``"1 M of 35 M = 2.9 %"``; empty where nothing is missing or nothing is known."""
     if steps is None or steps >= published:
         return ""
-    return f"{amount(steps)} of {amount(published)} = {100 * steps / published:.2g} %"
+    share = 100 * steps / published
+    words = f"{share:.2g}" if share < 99 else f"{min(share, 99.9):.1f}"  # never a whole one
+    return f"{amount(steps)} of {amount(published)} = {words} %"
 
 
 def several(count: int, thing: str) -> str:

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from apil_core.config import RunConfig
 from apil_core.config_errors import problems_of, raise_problems
 from apil_core.config_layers import Layer, flag_layer, merge, set_layer
+from apil_core.default_victim import default_victim
 from apil_core.errors import ConfigError
 from apil_core.game_options import game_model, profile_problems, settled
 from apil_core.plugins import PluginRegistry, discover
@@ -92,7 +93,9 @@ def _from_runs(
                 f"{first} attacked {victims[first]}, and {name} {victims[name]}: "
                 "say with --victim which one to harden"
             )
-    found = {key: getattr(config, key) for key in ("env", "num_envs")}
+    found: dict[str, Any] = {key: getattr(config, key) for key in ("env", "num_envs")}
+    if not victim_given:  # the one that was attacked, and no other of its name
+        found["victim_sha256"] = config.victim_sha256
     # a minibatch of a recurrent victim is some of the games
     ppo = config.ppo.model_copy(update={"minibatches": min(config.ppo.minibatches, config.num_envs)})
     return {
@@ -129,7 +132,7 @@ def _checked(base: dict[str, Any], asked: Sequence[Layer], plugins: PluginRegist
         raise ConfigError(f"the adversaries were trained on {base['env']}; they cannot play {env}")
     spec, model = plugins.game(env), game_model(env, plugins)
     layers = settled([Layer({"game": base.get("game", {})}), *asked], model)
-    own = {"victim": spec.default_victim, "victim_side": spec.victim_side, **base, "game": {}}
+    own = {"victim": default_victim(spec, plugins), "victim_side": spec.victim_side, **base, "game": {}}
     data, origins = merge(own, layers)
     raise_problems(profile_problems(data, model, env), origins)
     try:

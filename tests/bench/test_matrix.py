@@ -102,6 +102,7 @@ def test_mistakes_in_cells_are_one_line(changes, told):
         ({"retraining": {"methods": ["apl"]}}, "retraining.methods: 'apl' is not among"),
         ({"victims": {"chess": ["auto"]}}, "victims: 'chess' is not among"),
         ({"steps": "0"}, "steps must be positive"),
+        ({"axes": {"game.max_steps": [9, 20]}, "crossplay": {}}, "crossplay needs one game for all"),
     ],
 )
 def test_mistakes_in_the_matrix_itself(changes, told):

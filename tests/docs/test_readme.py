@@ -36,7 +36,7 @@ TINY = (
     *("--set", "ppo.num_steps=16", "--set", "evaluation.episodes=4"),
 )
 
-GROUPS = (("runs",), ("config",), ("victims",), ("bench",))
+GROUPS = (("runs",), ("config",), ("victims",), ("bench",), ("analyze",))
 
 METHOD = """\
 from apil_core import Method, MethodSpec, hookimpl
@@ -180,6 +180,11 @@ def test_flags_named_alone_belong_to_some_verb(apil: Apil, page: Path) -> None:
         "export",
         "victims check",
         "bench speed",
+        "bench run",
+        "bench report",
+        "retrain",
+        "crossplay",
+        "analyze activations",
     )
     text = apil("--help").out + "".join(apil(*verb.split(), "--help").out for verb in verbs)
     for span in spans(page):

@@ -49,6 +49,8 @@ def test_a_frequent_ending_must_be_ties_at_least_in_part() -> None:
     [
         (1_000_000, "1 M of 35 M = 2.9 %"),
         (100_000, "100 k of 35 M = 0.29 %"),
+        (34_900_000, "34.9 M of 35 M = 99.7 %"),
+        (34_999_999, "35 M of 35 M = 99.9 %"),
         (35_000_000, ""),
         (40_000_000, ""),
     ],
@@ -60,3 +62,4 @@ def test_a_short_budget_is_marked_with_its_share(steps: int, mark: str) -> None:
 
 def test_amounts_are_short() -> None:
     assert [amount(n) for n in (35_000_000, 1_500_000, 300_000, 512)] == ["35 M", "1.5 M", "300 k", "512"]
+    assert [amount(n) for n in (999_600, 1_234_000_000)] == ["1 M", "1234 M"]

@@ -107,6 +107,17 @@ def test_hardened_victims_resist_and_remember() -> None:
     assert _truth(third(400), "remembers", SHORT) == "cannot be told"
 
 
+def test_both_short_budgets_of_a_hardened_victim_are_told() -> None:
+    table = hand_table(4, {KICK: {"baseline": (300,), "e_apil": (310,)}}, "victim")
+    texts = []
+    for retrained in (500_000, 10_000_000):
+        budgets = {"steps": SHORT, "retrain_steps": retrained, "published_steps": 10_000_000}
+        (claim,) = claims([table], [Setting(id="s1", label="", **budgets)])
+        texts.append(claim.text)
+    assert "(500 k of 10 M = 5 % and 1 M of 35 M = 2.9 %)" in texts[0]
+    assert "(1 M of 35 M = 2.9 %)" in texts[1]
+
+
 def test_the_papers_own_tables_are_held_against_its_claims() -> None:
     """Counted by hand in published_results.json."""
     text = pairs_above(

@@ -119,3 +119,28 @@ def test_an_adversary_that_has_not_learnt_is_said_so(tmp_path: Path) -> None:
     same, better = _gather(_run(tmp_path / "a", 55)), _gather(_run(tmp_path / "b", 90))
     assert any("not distinguishable" in warning.text for warning in same.warnings)
     assert not any("not distinguishable" in warning.text for warning in better.warnings)
+
+
+def test_a_method_with_other_options_is_said_so_even_alone(tmp_path: Path) -> None:
+    usual, other = (
+        _gather(_run(tmp_path / name, 10, method="e_apil", options={"e_apil": {"beta": beta}}))
+        for name, beta in (("usual", 1.0), ("other", 2.0))
+    )
+    text = f"e_apil in {TOY} has not its default options: options.e_apil.beta=2.0."
+    assert [w.text for w in other.warnings if w.loud and w.column] == [text]
+    assert not any(warning.loud and warning.column for warning in usual.warnings)
+
+
+def test_what_was_not_scored_yet_warns_of_no_numbers(tmp_path: Path) -> None:
+    """A long run at work beside a finished one: its budget is no budget of any number here."""
+    done, working = _run(tmp_path / "a", 10), _run(tmp_path / "b", 10, steps=9_000_000)
+    (working.path / "scores" / "plain.json").unlink()
+    found = _gather(done, working)
+    assert len(found.settings) == 2
+    assert not any("9 M" in warning.text for warning in found.warnings if warning.kind == "budget")
+
+
+def test_warnings_about_cells_of_two_settings_say_which(tmp_path: Path) -> None:
+    found = _gather(_run(tmp_path / "a", 55), _run(tmp_path / "b", 55, {"trained_steps": 1000}))
+    texts = [warning.text for warning in found.warnings if "not distinguishable" in warning.text]
+    assert sorted(text.partition(":")[0] for text in texts) == ["1 k steps", "2 k steps"]

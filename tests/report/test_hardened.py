@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from apil_core.crossplay_document import CrossPlay, Player
-from apil_core.report.hardened import Played, hardened_tables
+from apil_core.report.hardened import Attack, Played, hardened_tables
 from apil_core.report.models import Setting, Table
 from report.sample import KICK, VICTIMS, result
 
@@ -11,13 +11,17 @@ COLUMNS = ["baseline", "adrl", "e_apil"]
 MILLION = 1_000_000
 
 
-def _played(adversaries: dict[str, tuple[int | None, int | None]], victims: list[str], **axes: str) -> Played:
+def _played(
+    adversaries: dict[str, tuple[int | None, int | None]],
+    victims: list[str],
+    attacks: dict[str, Attack] | None = None,
+) -> Played:
     """A cross-play in which adversary i wins 100·i + 10·j games of 1000 against victim j.
 
     Args:
         adversaries: training steps and seed by label.
         victims: labels.
-        axes: value of ``x`` by the adversary's label.
+        attacks: how adversaries were trained, by label.
     """
     methods = {label: None if label == "baseline" else label.partition("/")[0] for label in adversaries}
     document = CrossPlay(
@@ -38,7 +42,7 @@ def _played(adversaries: dict[str, tuple[int | None, int | None]], victims: list
         ],
         created="",
     )
-    return Played(document, 500_000, {label: (("options.x", value),) for label, value in axes.items()})
+    return Played(document, 500_000, attacks or {})
 
 
 def _tables(*played: Played) -> tuple[list[Table], list[Setting]]:
@@ -68,9 +72,8 @@ def test_budgets_are_tables_of_their_own() -> None:
 
 def test_ablated_adversaries_neither_test_nor_make_the_usual_victims() -> None:
     adversaries = {"baseline": (None, None), "e_apil/none": (MILLION, 0), "e_apil/usual": (MILLION, 0)}
-    played = _played(
-        adversaries, ["original", "vs e_apil/none", "vs e_apil/usual"], **{"e_apil/none": "none"}
-    )
+    ablated = Attack(MILLION, "default", (("options.x", "none"),))
+    played = _played(adversaries, ["original", "vs e_apil/none", "vs e_apil/usual"], {"e_apil/none": ablated})
     tables, settings = _tables(played)
     found = {(t.number, bool(s.axes)): _losses(t) for t in tables for s in settings if s.id == t.setting}
     assert found[4, False] == {"baseline": [(0, 200)], "e_apil": [(0, 220)]}
@@ -92,3 +95,22 @@ def test_pairings_that_are_not_played_yet_are_left_out() -> None:
     played.document.scores[0][1] = None
     tables, _ = _tables(played)
     assert tables == []  # no E-APIL, and the baseline has not met the retrained one
+
+
+def test_budgets_are_those_asked_for_wherever_the_last_iteration_ended() -> None:
+    """Iterations of two sizes end beyond the budget at two places: one table all the same."""
+    adversaries = {"baseline": (None, None), "adrl": (1_015_808, 0), "e_apil": (1_048_576, 0)}
+    attacks = {label: Attack(MILLION, "default") for label in ("adrl", "e_apil")}
+    tables, settings = _tables(_played(adversaries, ["original", "vs adrl", "vs e_apil"], attacks))
+    assert [(table.number, setting.steps) for table, setting in zip(tables, settings * 2, strict=True)] == [
+        (3, MILLION),
+        (4, MILLION),
+    ]
+    assert set(_losses(tables[1])) == {"baseline", "adrl", "e_apil"}
+
+
+def test_adversaries_of_another_victim_are_no_further_seeds() -> None:
+    adversaries = {"baseline": (None, None), "e_apil/a": (MILLION, 0), "e_apil/b": (MILLION, 0)}
+    attacks = {"e_apil/a": Attack(MILLION, "default"), "e_apil/b": Attack(MILLION, "somebody else")}
+    (_, fourth), _ = _tables(_played(adversaries, ["original", "vs e_apil/a"], attacks))
+    assert _losses(fourth) == {"baseline": [(0, 100)], "e_apil": [(0, 110)]}

@@ -16,6 +16,7 @@ from apil_core.report.figures.endings import SEEING, ending_bars
 from apil_core.report.figures.heat import crossplay_maps
 from apil_core.report.figures.plot import scale_top
 from apil_core.report.models import Evidence
+from apil_core.report.page import render
 from apil_core.report.page_sections import sections
 from report import page_sample
 
@@ -110,6 +111,16 @@ def test_crossplay_map_has_adversaries_in_rows_and_values_in_fields(evidence):
     assert trace["y"] == matrix.adversaries
     assert trace["x"] == matrix.victims
     assert figure["layout"]["yaxis"]["autorange"] == "reversed"  # first row on top, as in tables
+
+
+def test_pairings_to_come_are_empty_fields(evidence):
+    matrix = evidence.crossplay[0].model_copy(deep=True)
+    matrix.win[1][2] = matrix.win_or_tie[1][2] = None
+    plot = crossplay_maps([matrix])[0]
+    trace = go.Figure(plot.figure).data[0]
+    assert (trace.z[1][2], trace.text[1][2]) == (None, "")
+    assert f"{matrix.victims[2]} not yet" in plot.alt
+    assert "not played yet" in render(evidence.model_copy(update={"crossplay": [matrix]}))
 
 
 def test_ablation_dots_have_values_and_intervals(evidence):

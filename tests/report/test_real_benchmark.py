@@ -108,6 +108,19 @@ def test_the_same_directory_twice_counts_once_and_the_answer_can_be_json(
     assert not any(warning["kind"] == "copies" for warning in found["warnings"])
 
 
+def test_a_cell_named_as_a_run_of_its_own_counts_once(bench: BenchDir) -> None:
+    found = gather([bench.path], [bench.cell(f"{TOY}/adrl/s0-2048").path])
+    assert len(found.provenance.runs) == 2
+    assert found.provenance.directories == [str(bench.path)]
+    assert not any(warning.kind == "copies" for warning in found.warnings)
+
+
+def test_single_runs_beside_a_benchmark_are_named(bench: BenchDir, tmp_path: Path) -> None:
+    run = shutil.copytree(bench.cell(f"{TOY}/adrl/s0-2048").path, tmp_path / "run")
+    (run / "environment.json").write_text('[{"versions": 3}]')
+    assert gather([bench.path], [run]).provenance.directories == [str(bench.path), str(run)]
+
+
 def test_a_damaged_cell_is_listed_and_hides_no_other(bench: BenchDir) -> None:
     path = bench.cell(f"{TOY}/adrl/s0-2048").path / "scores" / "plain.json"
     text = path.read_text()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from apil_core.report.figures.plot import Plot, axis_title, percents, spec, text
+from apil_core.report.figures.plot import Plot, axis_title, spec, text
 from apil_core.report.models import CrossPlayMatrix, Share
 from apil_core.report.words import percent
 
@@ -22,11 +22,11 @@ def crossplay_maps(matrices: Sequence[CrossPlayMatrix]) -> list[Plot]:
 
 
 def _map(matrix: CrossPlayMatrix, measure: str) -> Plot:
-    shares: list[list[Share]] = getattr(matrix, measure)
+    shares: list[list[Share | None]] = getattr(matrix, measure)
     many = len(matrix.victims) > _MANY
     trace: dict[str, Any] = {
         "type": "heatmap",
-        "z": [percents([share.value for share in row]) for row in shares],
+        "z": [[None if share is None else round(100 * share.value, 2) for share in row] for row in shares],
         "x": [text(victim) for victim in matrix.victims],
         "y": [text(adversary) for adversary in matrix.adversaries],
         "text": [[_cell(share, many) for share in row] for row in shares],
@@ -56,15 +56,20 @@ def _map(matrix: CrossPlayMatrix, measure: str) -> Plot:
     )
 
 
-def _cell(share: Share, narrow: bool) -> str:
+def _cell(share: Share | None, narrow: bool) -> str:
+    if share is None:
+        return ""  # not played yet
     value = percent(share.value)
     return value if narrow else f"{value}<br>{100 * share.low:.0f} – {100 * share.high:.0f}"
 
 
-def _words(matrix: CrossPlayMatrix, shares: Sequence[Sequence[Share]]) -> list[str]:
+def _words(matrix: CrossPlayMatrix, shares: Sequence[Sequence[Share | None]]) -> list[str]:
     return [
         f"{adversary} against "
-        + ", ".join(f"{v} {percent(share.value)} %" for v, share in zip(matrix.victims, row, strict=True))
+        + ", ".join(
+            f"{victim} not yet" if share is None else f"{victim} {percent(share.value)} %"
+            for victim, share in zip(matrix.victims, row, strict=True)
+        )
         + "."
         for adversary, row in zip(matrix.adversaries, shares, strict=True)
     ]

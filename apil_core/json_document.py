@@ -1,0 +1,48 @@
+"""Results that are one JSON file each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar, Self
+
+from pydantic import BaseModel, ValidationError
+
+from apil_core.errors import ConfigError
+from apil_core.files import write_atomically
+
+
+class JsonDocument(BaseModel):
+    """What one command found, with everything it depends on.
+
+    Attributes:
+        maker: the command.
+        created: when, ISO 8601 with time zone.
+        command: what made it.
+    """
+
+    maker: ClassVar[str]
+    created: str
+    command: list[str] = []
+
+    def write(self, path: Path) -> None:
+        """Write it as JSON, whole or not at all.
+
+        Raises:
+            RunDirError: the file cannot be written; what was there before is untouched.
+        """
+        text = self.model_dump_json(indent=1)
+        write_atomically(path, lambda file: file.write(text.encode()))
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """What :meth:`write` wrote.
+
+        Raises:
+            ConfigError: it is not there, or something else.
+        """
+        try:
+            return cls.model_validate_json(path.read_text("utf-8"))
+        except FileNotFoundError:
+            raise ConfigError(f"{path}: no such file") from None
+        except (OSError, ValidationError, UnicodeDecodeError) as error:
+            raise ConfigError(f"{path}: this is no document of {cls.maker}") from error

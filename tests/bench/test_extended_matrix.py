@@ -1,0 +1,94 @@
+"""A matrix that has changed since its directory was begun: what is done again, what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from apil_core.bench.cells import resolve_matrix
+from apil_core.bench.folder import BenchDir
+from apil_core.bench.jobs import Ledger, make_jobs
+from apil_core.bench.matrix import Matrix, RetrainingStage, load_matrix
+from apil_core.bench.players import with_full_names
+from apil_core.bench.schedule import run_jobs
+from apil_core.bench.stages import read_crossplay
+from apil_core.bench.still_valid import check_same_retraining
+from apil_core.cli.bench_run import _same_as_stored
+from apil_core.counts import whole_number
+from apil_core.crossplay_document import CrossPlay
+from apil_core.errors import ConfigError
+from tests.bench.small_matrix import Here, small_matrix
+
+GAME = "toy-pursuit"
+
+
+def matrix(**changes: Any) -> Matrix:
+    base: dict[str, Any] = {"steps": 512, "scores": {"plain": {"episodes": 4}}, "crossplay": {"episodes": 4}}
+    return small_matrix(**{**base, **changes})
+
+
+def run(root: Path, **changes: Any) -> CrossPlay:
+    bench = BenchDir(root)
+    benchmark = _same_as_stored(bench, resolve_matrix(matrix(**changes)))
+    bench.write_matrix(benchmark.matrix)
+    course = run_jobs(make_jobs(benchmark), Ledger(bench, benchmark), Here(root))
+    assert set(course.states.values()) == {"done"}
+    found = read_crossplay(bench, GAME)
+    assert found is not None
+    return found
+
+
+def labels(document: CrossPlay) -> list[str]:
+    return [player.label for player in document.adversaries]
+
+
+def test_cross_play_keeps_up_with_its_matrix(tmp_path: Path) -> None:
+    first = run(tmp_path)
+    assert labels(first) == ["adrl"]
+    more = run(tmp_path, seeds=[0, 1])  # labels change, and games that were played stay
+    assert labels(more) == ["adrl/s0-512", "adrl/s1-512"]
+    assert more.scores[0] == first.scores[0]
+    again = run(tmp_path, seeds=[0, 1], crossplay={"episodes": 6})
+    assert {score.episodes for score in again.played} == {6}
+    longer = run(tmp_path, steps=1024)  # the same label, but somebody else
+    assert labels(longer) == ["adrl"]
+    assert longer.adversaries[0].name.endswith("/s0-1024")
+    assert longer.adversaries[0].sha256 != first.adversaries[0].sha256
+
+
+def test_victims_are_called_as_runs_call_them() -> None:
+    found = with_full_names(resolve_matrix(matrix(victims={GAME: ["random"]})), "matrix")
+    assert found.matrix.victims == {GAME: ("baseline:random/7x2",)}
+    assert found.cells[0].config.victim == "baseline:random/7x2"
+    with pytest.raises(ConfigError, match=r"m, toy-pursuit against embedded:nobody: .*unknown victim"):
+        with_full_names(resolve_matrix(matrix(victims={GAME: ["embedded:nobody"]})), "m")
+
+
+def test_another_victim_is_refused(tmp_path: Path) -> None:
+    bench, benchmark = BenchDir(tmp_path), resolve_matrix(matrix())
+    bench.write_matrix(benchmark.matrix)
+    other = resolve_matrix(matrix(victims={GAME: ["baseline:random/7x2"]}))
+    with pytest.raises(ConfigError, match="attacks scripted:.* the matrix says baseline:random/7x2"):
+        _same_as_stored(bench, other, [GAME])
+    assert _same_as_stored(bench, other).matrix == benchmark.matrix  # a default that has changed is pinned
+
+
+def test_a_retraining_with_other_settings_is_refused(tmp_path: Path) -> None:
+    text = "kind: retraining\nadversaries: [random]\nenv: toy-pursuit\nvictim: zero\nvictim_side: 1\n"
+    (tmp_path / "config.yaml").write_text(text)
+    check_same_retraining(tmp_path, RetrainingStage(steps=5))
+    with pytest.raises(ConfigError, match="begun with adversary_share 0.5, the matrix says 0.8"):
+        check_same_retraining(tmp_path, RetrainingStage(adversary_share=0.8))
+
+
+def test_paths_start_at_the_matrix(tmp_path: Path) -> None:
+    (tmp_path / "m.yaml").write_text("methods: [adrl]\ngames: [toy-pursuit]\nconfig: {plugins: [p.py]}\n")
+    assert load_matrix(str(tmp_path / "m.yaml")).config["plugins"] == [str(tmp_path / "p.py")]
+
+
+@pytest.mark.parametrize("text", ["inf", "1e999", "nan", "1.5"])
+def test_no_whole_number(text: str) -> None:
+    with pytest.raises(ValueError, match="not a whole number"):
+        whole_number(text)
