@@ -140,6 +140,7 @@ def _owner(key: str) -> str | None:
 
 
 def _expand(matrix: Matrix, origin: str, base: list[Layer], plugins: PluginRegistry) -> Iterator[Cell]:
+    resolved: dict[str, RunConfig] = {}  # cells that differ in seed and budget only are checked once
     several_victims = {game for game, names in matrix.victims.items() if len(names) > 1}
     for seed, game, method in product(matrix.seeds, matrix.games, matrix.methods):
         chain = {spec.name for spec in plugins.method_chain(method)}
@@ -150,8 +151,11 @@ def _expand(matrix: Matrix, origin: str, base: list[Layer], plugins: PluginRegis
             chosen = dict(zip(axes, values, strict=True))
             named = victim if game in several_victims else None
             name = _name(game, method, seed, steps, named, chosen)
-            flags = {"method": method, "env": game, "seed": seed, "steps": steps, "victim": victim}
-            config = _config(base, flags, chosen, plugins, f"{origin}, cell {name}")
+            kind = repr((game, method, victim, chosen))
+            if kind not in resolved:
+                flags = {"method": method, "env": game, "seed": seed, "steps": steps, "victim": victim}
+                resolved[kind] = _config(base, flags, chosen, plugins, f"{origin}, cell {name}")
+            config = resolved[kind].model_copy(update={"seed": seed, "steps": steps}, deep=True)
             yield Cell(game, method, seed, steps, config.victim, chosen, name, config)
 
 

@@ -149,6 +149,7 @@ def register_methods():
     assert len(sessions) == 2
 
 
+@pytest.mark.slow
 def test_killed_and_stopped_anywhere_it_ends_like_one_that_was_not(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], request: pytest.FixtureRequest
 ):

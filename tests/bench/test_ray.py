@@ -60,6 +60,7 @@ def go(
     return course
 
 
+@pytest.mark.slow
 def test_two_cells_on_a_cluster_of_this_machine(tmp_path: Path):
     """By the command line, whose JSON nothing of Ray's may spoil."""
     matrix = small_matrix(methods=["adrl", "apl"], steps=2 * 512)

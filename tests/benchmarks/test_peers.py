@@ -18,6 +18,7 @@ def peers(monkeypatch):
     monkeypatch.syspath_prepend(str(PEERS))
 
 
+@pytest.mark.slow
 def test_all_train_on_the_toy_game(tmp_path):
     pytest.importorskip(
         "stable_baselines3", reason="no stable_baselines3 here (benchmarks/peers/requirements.txt)"

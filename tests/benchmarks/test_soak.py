@@ -62,6 +62,7 @@ def test_too_short_a_run_says_so(soak):
         soak.report(points(soak, growth=0, count=4), warm_up=0.2)
 
 
+@pytest.mark.slow
 def test_it_runs_on_the_toy_game(tmp_path):
     command = [sys.executable, str(FOLDER / "soak.py"), "--out", str(tmp_path / "r"), "--env", "toy-pursuit"]
     command += ["--steps", "2000", "--num-envs", "8", "--num-steps", "16", "--allowed-mb", "1e9"]

@@ -160,6 +160,7 @@ def test_another_number_of_processes_is_refused(trained):
     assert "\n" not in str(e.value)
 
 
+@pytest.mark.slow
 def test_stopped_and_resumed_equals_running_through(tmp_path):
     config = small_config(steps=LONG * STEPS, checkpoint={"every_iterations": 1})
     write(tmp_path, "whole", config)
@@ -195,7 +196,7 @@ def update_auxiliary(run):
 """
 
 
-@pytest.mark.parametrize("rank", [pytest.param(0, marks=pytest.mark.slow), 1])
+@pytest.mark.parametrize("rank", [pytest.param(rank, marks=pytest.mark.slow) for rank in (0, 1)])
 def test_an_error_in_one_process_ends_the_other(tmp_path, rank):
     plugin = tmp_path / "unlucky.py"
     plugin.write_text(FAILING.format(rank=rank))

@@ -24,7 +24,12 @@ def learning_config(method, steps):
     )
 
 
-@pytest.mark.parametrize("method", STEPS)
+_SLOW = ("adrl", "apl")  # the others are these, and more
+
+
+@pytest.mark.parametrize(
+    "method", [pytest.param(name, marks=[pytest.mark.slow] if name in _SLOW else []) for name in STEPS]
+)
 def test_training_raises_the_win_rate(tmp_path, method):
     run(learning_config(method, 1), out=tmp_path / "before")
     run(learning_config(method, STEPS[method]), out=tmp_path / "after")

@@ -9,6 +9,7 @@ import signal
 import sqlite3
 import struct
 import sys
+import time
 from collections import Counter
 from contextlib import closing, suppress
 from importlib.util import find_spec
@@ -93,6 +94,16 @@ def wandb_records(path: Path):
             parts = b""
 
 
+def wandb_runs(path: Path) -> list:
+    """Its ``run`` records; wandb's own process may write them a moment after the run has ended."""
+    for _ in range(100):
+        found = [record.run for record in wandb_records(path) if record.WhichOneof("record_type") == "run"]
+        if found:
+            return found
+        time.sleep(0.1)
+    return []
+
+
 def items(group) -> dict:
     return {item.key or "/".join(item.nested_key): json.loads(item.value_json) for item in group}
 
@@ -171,7 +182,7 @@ def test_wandbs_own_settings_come_first(tmp_path: Path, monkeypatch: pytest.Monk
     elsewhere.mkdir()
     run(config("wandb", steps=ITERATION), out=tmp_path / "r")
     (file,) = wandb_files(elsewhere)
-    (started,) = [r.run for r in wandb_records(file) if r.WhichOneof("record_type") == "run"]
+    (started,) = wandb_runs(file)
     assert (started.project, started.entity, started.display_name) == ("mine", "us", "x")
     assert list(started.tags) == ["t"]
     assert started.run_group == "toy-pursuit/adrl"
