@@ -12,6 +12,7 @@ from apil_core import Policy, VictimError, load_policy, run
 from apil_core.retraining.critic import Critic
 from apil_core.retraining.network import VictimNetwork
 from apil_core.retraining.trainable import trainable
+from apil_core.victims.importer import import_zoo
 from apil_core.victims.student_policy import StudentPolicy
 from retraining.victims import student, views, zoo_agent
 
@@ -70,13 +71,11 @@ def test_what_a_run_trained(tmp_path: Path) -> None:
     check(load_policy(f"run:{tmp_path / 'r'}"))
 
 
-def test_the_real_zoo_where_it_is_here() -> None:
+def test_the_real_zoo(zoo_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("APIL_CACHE", str(tmp_path))
+    import_zoo(zoo_dir)
     for name in ("kick-and-defend/kicker/v1", "you-shall-not-pass/runner/v1"):
-        try:
-            policy = load_policy(f"zoo:{name}")
-        except VictimError:
-            pytest.skip("no zoo weights in the cache")
-        check(policy)
+        check(load_policy(f"zoo:{name}"))
 
 
 def test_others_are_refused(tmp_path: Path) -> None:
