@@ -229,12 +229,13 @@ class RunDir:
         """The newest complete line of ``metrics.jsonl``, or an empty dict."""
         if not self.metrics_path.is_file():
             return {}
-        for line in reversed(self.metrics_path.read_text().splitlines()):
+        for line in reversed(self.metrics_path.read_text("utf-8", errors="replace").splitlines()):
             try:
-                value: dict[str, Any] = json.loads(line)
+                value = json.loads(line)
             except json.JSONDecodeError:
                 continue  # the line a kill cut short
-            return value
+            if isinstance(value, dict):
+                return value
         return {}
 
     def _read_json(self, path: Path) -> Any:

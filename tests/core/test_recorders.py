@@ -11,6 +11,7 @@ import pytest
 from apil_core.errors import RunDirError
 from apil_core.plugins import discover
 from apil_core.recorders import JsonlRecorder, TensorBoardRecorder, read_metrics, truncate_metrics
+from apil_core.rundir import RunDir
 from apil_core.specs import load
 
 
@@ -95,3 +96,9 @@ def test_both_come_in_through_the_plugin_door() -> None:
     recorders = discover().recorders
     assert load(recorders["jsonl"].factory) is JsonlRecorder
     assert load(recorders["tensorboard"].factory) is TensorBoardRecorder
+
+
+def test_the_newest_row_is_found_in_a_damaged_file(tmp_path: Path):
+    run_dir = RunDir(tmp_path)
+    run_dir.metrics_path.write_bytes(b'{"steps": 1}\n{"steps": 2}\n\xff\n[3]\n{"steps": 4')
+    assert run_dir.last_metrics() == {"steps": 2}
