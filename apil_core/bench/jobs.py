@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from apil_core.bench.cells import Benchmark, Cell
 from apil_core.bench.folder import BenchDir, read_score
 from apil_core.bench.matrix import ScoreConfig
+from apil_core.rundir import RunDir
 
 if TYPE_CHECKING:
     from apil_core.crossplay_document import CrossPlay
@@ -161,8 +162,6 @@ class Ledger:
         return not self.missing_baselines(game, victim)
 
     def _retrained_done(self, name: str) -> bool:
-        from apil_core.rundir import RunDir
-
         result = RunDir(self.bench.retrained_dir(name)).result() or {}
         stage = self.benchmark.matrix.retraining
         budget = 0 if stage is None else stage.steps
@@ -187,8 +186,6 @@ class Ledger:
         return still_valid(document, self.adversaries(game), self.victims(game), hashes, wanted)
 
     def _hardened_sha256(self, cell_name: str) -> str:
-        from apil_core.rundir import RunDir
-
         result = RunDir(self.bench.retrained_dir(cell_name)).result() or {}
         return str(result.get("hardened", {}).get("sha256", ""))
 

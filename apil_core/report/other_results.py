@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from apil_core.activations.models import ActivationMap
-from apil_core.curves import LEAST_GAMES, Line
+from apil_core.curves import WIN, WIN_OR_TIE, shares
 from apil_core.errors import ApilError
 from apil_core.recorders import read_metrics
 from apil_core.report.courses import thinned
 from apil_core.report.models import ActivationCloud, Activations, RetrainingCurve, RetrainingLine, Snapshot
 from apil_core.report.sources import Sources
-from apil_core.report.statistics import wilson_band
 from apil_core.report.words import percent, several
 from apil_core.retraining.folder import RetrainDir
 
@@ -51,21 +50,9 @@ def _damaged(path: Path, error: str) -> RetrainingCurve:
     )
 
 
-def _opponent(rows: Sequence[Mapping[str, float]], label: str) -> RetrainingLine:
-    kept = [row for row in rows if row.get(f"opponent/{label}/games", 0) >= LEAST_GAMES]
-    steps = [int(row["steps"]) for row in kept]
-    games, wins, ties = (
-        [int(row[f"opponent/{label}/{name}"]) for row in kept] for name in ("games", "wins", "ties")
-    )
-    either = [win + tie for win, tie in zip(wins, ties, strict=True)]
-    win, win_or_tie = (_line(steps, counts, games) for counts in (wins, either))
-    return RetrainingLine(opponent=label, win=win, win_or_tie=win_or_tie)
-
-
-def _line(steps: list[int], counts: list[int], games: list[int]) -> Line:
-    value = [count / total for count, total in zip(counts, games, strict=True)]
-    low, high = wilson_band(counts, games)
-    return thinned(Line(steps=steps, value=value, low=low, high=high))
+def _opponent(rows: Sequence[dict[str, float]], label: str) -> RetrainingLine:
+    lines = shares(rows, f"opponent/{label}/")
+    return RetrainingLine(opponent=label, win=thinned(lines[WIN]), win_or_tie=thinned(lines[WIN_OR_TIE]))
 
 
 def snapshots(sources: Sources) -> list[Snapshot]:

@@ -110,9 +110,3 @@ def stratified_interval(by_game: Sequence[Sequence[float]], seed: int = 0) -> tu
     )
     low, high = drawn.confidence_interval
     return float(low), float(high)
-
-
-def wilson_band(counts: Sequence[int], games: Sequence[int]) -> tuple[list[float], list[float]]:
-    """Wilson 95 % limits of many shares: low ones, high ones."""
-    rates = [wilson(count, total) for count, total in zip(counts, games, strict=True)]
-    return [rate.low for rate in rates], [rate.high for rate in rates]
