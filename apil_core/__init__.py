@@ -13,6 +13,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "apil_core.hooks": ("hookimpl", "hookspec"),
+    "apil_core.hook_api": ("HOOK_API", "Deprecation"),
     "apil_core.errors": (
         "ApilError",
         "ConfigError",
@@ -96,6 +97,8 @@ if TYPE_CHECKING:
     from apil_core.game import GameStep as GameStep
     from apil_core.game import SideLayout as SideLayout
     from apil_core.game import Window as Window
+    from apil_core.hook_api import HOOK_API as HOOK_API
+    from apil_core.hook_api import Deprecation as Deprecation
     from apil_core.hooks import hookimpl as hookimpl
     from apil_core.hooks import hookspec as hookspec
     from apil_core.method import Method as Method

@@ -14,7 +14,7 @@ from apil_core.learner import Actor
 from apil_core.method import Method
 from apil_core.normalize import ObservationNormalizer
 from apil_core.policy import Policy, PolicyInfo
-from apil_core.run_hooks import RunHookManager
+from apil_core.run_hooks import RunHookManager, shown
 from apil_core.seeds import stream_seed
 from apil_core.types import OWN_GROUP, Context, Decision, View
 
@@ -58,7 +58,8 @@ class ObservationBuilder(nn.Module):
             raise self._complaint(f"groups changed from {list(sizes)} to {list(groups)}")
         for name, value in groups.items():
             if name != OWN_GROUP:
-                self._hooks.checked("extend_observation", name, value, (len(view.own), sizes[name]))
+                shape = (len(view.own), sizes[name])
+                groups[name] = self._hooks.checked("extend_observation", name, value, shape)
         return groups
 
     def unchecked_groups(self, context: Context, view: View) -> dict[str, Tensor]:
@@ -76,7 +77,10 @@ class ObservationBuilder(nn.Module):
         # the first view comes in inference mode, whose tensors could never be loaded into again
         with torch.inference_mode(False):
             for name, size in sizes.items():
-                self.normalizers[name] = ObservationNormalizer(size, self._clip).to(device)
+                try:
+                    self.normalizers[name] = ObservationNormalizer(size, self._clip).to(device)
+                except KeyError as error:  # torch keeps modules as attributes
+                    raise self._complaint(f"no group can be named {name!r}; choose another") from error
 
     def normalize(self, groups: dict[str, Tensor], *, update: bool) -> TensorDict:
         """Normalised groups, batch (n,); ``update`` also takes them into the statistics."""
@@ -96,8 +100,8 @@ class ObservationBuilder(nn.Module):
 
     def _width(self, name: str, value: Any) -> int:
         if not isinstance(value, Tensor) or value.ndim != 2:
-            shape = tuple(value.shape) if isinstance(value, Tensor) else repr(value)
-            raise self._complaint(f"{name!r} must have shape (num_envs, k), got {shape}")
+            got = tuple(value.shape) if isinstance(value, Tensor) else shown(value)
+            raise self._complaint(f"{name!r} must have shape (num_envs, k), got {got}")
         return value.shape[1]
 
     def _complaint(self, text: str) -> PluginError:

@@ -16,6 +16,7 @@ from apil_core.game import Game, GameLayout
 from apil_core.game_env import AttackEnv
 from apil_core.learner import Actor, Learner
 from apil_core.method import Method, MethodSetup
+from apil_core.method_state import check_states, load_method_states
 from apil_core.plugins import PluginRegistry
 from apil_core.policy import Policy, PolicyInfo
 from apil_core.registry import build_methods, game_spec, make_game
@@ -77,7 +78,9 @@ def build_hooks(
         if name in methods:
             raise PluginError(f"observers: {name!r} is already part of method {config.method!r}")
         observers[name] = plugins.modules[name]
-    return methods, manager(chain, {**methods, **observers})
+    hooks = manager(chain, {**methods, **observers})
+    hooks.device = setup.device
+    return methods, hooks
 
 
 def generators(seed: int, device: torch.device) -> dict[str, torch.Generator]:
@@ -120,6 +123,7 @@ def build(
     config = pinned(config, victim)
     setup = method_setup(config, game.layout, 1 - attacked, device)
     methods, hooks = build_hooks(config, plugins, setup, manager)
+    check_states(methods, plugins.method_chain(config.method), config.options, setup)
     builder = ObservationBuilder(hooks, config.ppo.observation_clip)
     streams = generators(seed, device)
     env = AttackEnv(
@@ -157,10 +161,17 @@ def method_setup(
     )
 
 
-def evaluation_context(side: int, seed: int, device: torch.device) -> Context:
+def evaluation_context(layout: GameLayout, side: int, seed: int, device: torch.device) -> Context:
     """For whom a trained adversary's observations are made when it is scored."""
     generator = stream_generator(seed, HOOK_STREAM, device)
-    return Context(side=side, role="adversary", mode="eval", device=device, generator=generator)
+    return Context(
+        side=side,
+        role="adversary",
+        seat=layout.sides[side],
+        mode="eval",
+        device=device,
+        generator=generator,
+    )
 
 
 def adversary_policy(
@@ -180,14 +191,12 @@ def adversary_policy(
     """
     device = torch.device(config.device)
     methods, hooks = build_hooks(config, plugins, method_setup(config, layout, side, device))
-    with hooks.attribution():
-        for name, method in methods.items():
-            method.load_state_dict(state["methods"][name])
+    load_method_states(methods, state["methods"])
     builder = ObservationBuilder(hooks, config.ppo.observation_clip)
     sizes: dict[str, int] = state["groups"]
     builder.add_normalizers(sizes, device)
     builder.load_state_dict(state["builder"])
     actor = Actor(sizes, layout.sides[side].action_size, config.ppo).to(device)
     actor.model.load_state_dict(state["learner"]["ppo"]["actor_state_dict"])
-    context = evaluation_context(side, seed, device)
+    context = evaluation_context(layout, side, seed, device)
     return AdversaryPolicy(info, builder, actor, context, hooks, methods)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from apil_core.hooks import hookimpl
 from apil_core.specs import RecorderSpec
 
+APIL_HOOK_API = 1
+
 
 @hookimpl
 def register_recorders() -> list[RecorderSpec]:

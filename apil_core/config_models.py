@@ -28,7 +28,11 @@ def full_model(
         methods: whose options are allowed.
         env: the game; ``None`` leaves its options untyped.
     """
-    sections: Any = {spec.name: (options_model(spec.config), ...) for spec in methods if spec.config}
+    sections: Any = {
+        spec.name: (options_model(spec.config, f"method {spec.name!r}"), ...)
+        for spec in methods
+        if spec.config
+    }
     fields: Any = {"options": _field("options", create_model("MethodOptions", __base__=Section, **sections))}
     if env is not None:
         reference = plugins.game(env).config
@@ -36,15 +40,21 @@ def full_model(
     return create_model("RunConfig", __base__=RunConfig, **fields)
 
 
-def options_model(reference: str) -> type[BaseModel]:
+def options_model(reference: str, whose: str = "") -> type[BaseModel]:
     """The pydantic model a spec names.
+
+    Args:
+        reference: as the spec has it.
+        whose: said first in an error, e.g. ``"method 'apil'"``.
 
     Raises:
         PluginError: it cannot be loaded or is no pydantic model.
     """
-    model = load(reference)
+    model = load(reference, whose)
     if not (isinstance(model, type) and issubclass(model, BaseModel)):
-        raise PluginError(f"{reference} must be a pydantic model, got {model!r}")
+        what = model.__name__ if isinstance(model, type) else type(model).__name__
+        asked = f"{whose}: " if whose else ""
+        raise PluginError(f"{asked}{reference} must be a pydantic model, got {what}")
     return model
 
 

@@ -107,7 +107,8 @@ class AttackEnv:
         self._pending: Pending | None = None
 
     def _context(self, role: Any, side: int, generator: torch.Generator) -> Context:
-        return Context(side=side, role=role, mode="train", device=self.device, generator=generator)
+        seat = self.game.layout.sides[side]
+        return Context(side=side, role=role, seat=seat, mode="train", device=self.device, generator=generator)
 
     @property
     def pending(self) -> Pending:

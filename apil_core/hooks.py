@@ -2,12 +2,73 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar, overload
+
 import pluggy
+
+from apil_core.hook_api import Deprecation, HookLife
 
 PROJECT = "apil"
 
-hookspec = pluggy.HookspecMarker(PROJECT)
-"""Marks a function as a hook that others may fill (for plugins that open hooks of their own)."""
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+_mark = pluggy.HookspecMarker(PROJECT)
 
 hookimpl = pluggy.HookimplMarker(PROJECT)
 """Marks a function or method as filling a hook."""
+
+
+@overload
+def hookspec(function: _Function) -> _Function: ...
+
+
+@overload
+def hookspec(
+    function: None = None,
+    *,
+    firstresult: bool = False,
+    since: int = 1,
+    deprecated: Deprecation | None = None,
+    deprecated_arguments: Mapping[str, Deprecation] | None = None,
+) -> Callable[[_Function], _Function]: ...
+
+
+def hookspec(
+    function: Any = None,
+    *,
+    firstresult: bool = False,
+    since: int = 1,
+    deprecated: Deprecation | None = None,
+    deprecated_arguments: Mapping[str, Deprecation] | None = None,
+) -> Any:
+    """Mark a function as a hook that others may fill (for plugins that open hooks of their own).
+
+    Args:
+        function: where the marker is used without arguments.
+        firstresult: only the first answer that is not ``None`` counts.
+        since: hook API version it came with.
+        deprecated: its announced end; plugins that fill it are told so.
+        deprecated_arguments: ends of arguments, by name; plugins that take them are told so.
+    """
+
+    def marked(function: _Function) -> _Function:
+        ends = dict(deprecated_arguments or {})
+        name = function.__name__
+        spec = _mark(
+            function,
+            firstresult=firstresult,
+            warn_on_impl=deprecated.warning(f"hook {name!r}") if deprecated else None,
+            warn_on_impl_args={
+                argument: end.warning(f"argument {argument!r} of hook {name!r}")
+                for argument, end in ends.items()
+            },
+        )
+        spec.apil_life = HookLife(since, deprecated, tuple(ends.items()))  # type: ignore[attr-defined]
+        return spec
+
+    return marked if function is None else marked(function)
+
+
+def life_of(spec: Any) -> HookLife:
+    """Of a function marked with :func:`hookspec`."""
+    return getattr(spec, "apil_life", HookLife(1))

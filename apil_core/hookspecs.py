@@ -1,7 +1,8 @@
 """Every hook of the core. A hook implementation takes only the arguments it names.
 
 ``ProcessHooks`` are asked once per process, ``RunHooks`` during one run (training or evaluation).
-Shapes: ``n`` is ``num_envs``, ``T`` the rollout length.
+Shapes: ``n`` is ``num_envs``, ``T`` the rollout length. ``docs/make_hooks.py`` makes the tables of
+docs/hooks.md from here: what a hook is for, ``When`` it is called, its arguments and what it returns.
 """
 
 from __future__ import annotations
@@ -21,100 +22,182 @@ if TYPE_CHECKING:
 class ProcessHooks:
     """Asked once, when plugins are discovered. Implementations must not import torch or mujoco."""
 
-    @hookspec
+    @hookspec(since=1)
     def register_methods(self) -> list[MethodSpec]:  # type: ignore[empty-body]
-        """Attack methods this plugin offers."""
+        """Offer attack methods.
 
-    @hookspec
+        When: once per process, when plugins are discovered.
+
+        Returns:
+            a list of :class:`apil_core.MethodSpec`.
+        """
+
+    @hookspec(since=1)
     def register_games(self) -> list[GameSpec]:  # type: ignore[empty-body]
-        """Games this plugin offers."""
+        """Offer games.
 
-    @hookspec
+        When: once per process, when plugins are discovered.
+
+        Returns:
+            a list of :class:`apil_core.GameSpec`.
+        """
+
+    @hookspec(since=1)
     def register_policies(self) -> list[PolicySpec]:  # type: ignore[empty-body]
-        """Families of policies (victims) this plugin can load."""
+        """Offer families of policies (victims) that can be loaded by name.
 
-    @hookspec
+        When: once per process, when plugins are discovered.
+
+        Returns:
+            a list of :class:`apil_core.PolicySpec`.
+        """
+
+    @hookspec(since=1)
     def register_recorders(self) -> list[RecorderSpec]:  # type: ignore[empty-body]
-        """Sinks for metrics this plugin offers."""
+        """Offer sinks for metrics.
+
+        When: once per process, when plugins are discovered.
+
+        Returns:
+            a list of :class:`apil_core.RecorderSpec`.
+        """
 
 
 class RunHooks:
     """Called during a run, on the chosen method, what it requires, and switched-on observers."""
 
-    @hookspec
+    @hookspec(since=1)
     def run_started(self, run: Run) -> None:
-        """Everything is built; the first rollout has not begun (also after a resume)."""
+        """Hear that a run begins or goes on.
 
-    @hookspec
+        When: once per session, when everything is built and the first rollout has not begun; after a
+            resume too.
+
+        Args:
+            run: the run.
+        """
+
+    @hookspec(since=1)
     def run_finished(self, run: Run) -> None:
-        """The last iteration is over and its checkpoint written."""
+        """Hear that a run is over.
 
-    @hookspec
+        When: once, when the budget is used up, the last checkpoint is written and the final evaluation is
+            over; not where a run is interrupted or fails.
+
+        Args:
+            run: the run.
+        """
+
+    @hookspec(since=1)
     def filter_observation(self, context: Context, side: int, obs: Tensor) -> Tensor | None:
-        """Change what a side sees (noise, masking, defences); per vectorised step, before anyone acts.
+        """Change what a side sees: noise, masking, defences.
 
-        Filters follow one another in order of registration: required methods, the method, observers.
+        When: for each side, once per vectorised step before anyone acts, in training and in evaluation.
+            Filters follow one another: required methods, the method, observers in the order of the
+            configuration.
 
         Args:
-            context: ``context.side`` equals ``side``.
+            context: for whom; ``context.side`` equals ``side``.
             side: 0 or 1.
-            obs: that side's observation as the last filter left it, shape (n, o); do not modify it.
+            obs: that side's observation as the last filter left it, (n, o) or (n, o').
 
         Returns:
-            the observation the next filter or that side gets, shape (n, o), or ``None``: unchanged.
+            the observation the next filter or that side gets, of the same shape, or ``None``: unchanged.
         """
 
-    @hookspec
+    @hookspec(since=1)
     def extend_observation(self, context: Context, view: View) -> dict[str, Tensor] | None:
-        """Named extra observation groups for the adversary, once per observation.
+        """Add named groups to the adversary's observation.
 
-        Works without a run: trained adversaries call it in evaluation, cross-play and video.
-
-        Returns:
-            ``{name: (n, k) float32}``; ``k`` must not change; names must be unique among plugins.
-        """
-
-    @hookspec
-    def shape_reward(self, run: Run, step: StepBatch) -> dict[str, Tensor] | None:
-        """Named terms added to r^α, in the units of docs/methods.md §1, each logged; per vectorised step.
-
-        Returns:
-            ``{name: (n,) float32}``.
-        """
-
-    @hookspec
-    def finish_rollout(self, run: Run, rollout: Rollout) -> dict[str, Tensor] | None:
-        """Named further reward streams, per rollout, before advantages.
-
-        The learner owns one critic per stream, trained in its own optimiser.
-
-        Returns:
-            ``{name: (T, n) float32}``; a method returns the same names in every rollout.
-        """
-
-    @hookspec(firstresult=True)
-    def combine_advantages(self, run: Run, rollout: Rollout, streams: dict[str, Tensor]) -> Tensor | None:
-        """Mix the streams' advantages into the one the policy gradient uses.
+        When: once per observation, in training and, without a run, wherever a trained adversary acts:
+            evaluation, cross-play, video.
 
         Args:
-            streams: GAE per stream, each (T, n), not normalised; ``"reward"`` is the main one.
+            context: for whom; ``context.mode`` tells training from evaluation.
+            view: ``own`` (n, o), ``opponent`` (n, o'), ``first`` (n,) bool where a game has just begun,
+                ``opponent_action`` (n, a').
 
         Returns:
-            (T, n), used as given (normalise per rollout here), or ``None`` for the main stream's.
+            ``{name: (n, k) float32}``, always the same names and ``k``, or ``None``.
         """
 
-    @hookspec
+    @hookspec(since=1)
+    def shape_reward(self, run: Run, step: StepBatch) -> dict[str, Tensor] | None:
+        """Add named terms to the adversary's reward r^α, each logged.
+
+        When: once per vectorised step of the training games, not of those played by ``run.collect``.
+
+        Args:
+            run: the run.
+            step: the ``StepBatch``: observations, actions, the victim's distribution, rewards of both sides,
+                ``first``, ``done``, ``outcome``, ``cause``.
+
+        Returns:
+            ``{name: (n,) float32}`` in the units of ``step.reward``, or ``None``.
+        """
+
+    @hookspec(since=1)
+    def finish_rollout(self, run: Run, rollout: Rollout) -> dict[str, Tensor] | None:
+        """Add reward streams with critics of their own.
+
+        When: once per rollout, before advantages are computed.
+
+        Args:
+            run: the run.
+            rollout: the ``Rollout``, all tensors (T, n, …).
+
+        Returns:
+            ``{name: (T, n) float32}``, the same names in every rollout, or ``None``.
+        """
+
+    @hookspec(firstresult=True, since=1)
+    def combine_advantages(self, run: Run, rollout: Rollout, streams: dict[str, Tensor]) -> Tensor | None:
+        """Mix the streams' advantages into the one that PPO uses.
+
+        When: once per rollout, after :meth:`finish_rollout`.
+
+        Args:
+            run: the run.
+            rollout: the ``Rollout``.
+            streams: ``{name: (T, n)}``: GAE of every stream, not normalised; ``"reward"`` is the main one.
+
+        Returns:
+            (T, n) float32, used as it is, or ``None``: the main stream's, normalised per minibatch.
+        """
+
+    @hookspec(since=1)
     def update_auxiliary(self, run: Run, rollout: Rollout) -> dict[str, float] | None:
-        """Train what else a method owns; per rollout, after advantages, before PPO.
+        """Train what else a method owns.
+
+        When: once per rollout, after advantages and before PPO; plugins one after the other, the required
+            first.
+
+        Args:
+            run: the run; ``run.collect`` and ``run.generator`` are of use here.
+            rollout: the ``Rollout``; ``rollout.advantages`` is set.
 
         Returns:
-            metrics, logged as ``<plugin>/<name>``.
+            ``{name: number}``, logged as ``<plugin>/<name>``, or ``None``.
         """
 
-    @hookspec
+    @hookspec(since=1)
     def iteration_finished(self, run: Run, metrics: dict[str, float]) -> None:
-        """After every iteration; ``metrics`` is what the recorders get."""
+        """Hear how an iteration went.
 
-    @hookspec
+        When: after every iteration, when the recorders have got its metrics.
+
+        Args:
+            run: the run.
+            metrics: ``{name: number}``, what the recorders got, but never merged.
+        """
+
+    @hookspec(since=1)
     def evaluation_finished(self, run: Run, result: dict[str, object]) -> None:
-        """After a periodic or final evaluation; ``result`` is what ``apil eval --json`` prints."""
+        """Hear the score.
+
+        When: after each evaluation during and at the end of a training; not after ``apil eval``.
+
+        Args:
+            run: the run.
+            result: the score as plain data, as ``apil eval --json`` prints it.
+        """

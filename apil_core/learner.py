@@ -159,6 +159,11 @@ class Learner:
         """Store how the step that :meth:`act` began went: normalised reward (n,) and end flags (n,)."""
         self.storage.keep_outcome(reward, done)
 
+    def distribution(self) -> DiagonalGaussian:
+        """What the stored actions were drawn from, (T, n, a); views of the storage."""
+        means = self.storage.means
+        return DiagonalGaussian(means, self.actor.std.detach().expand_as(means))
+
     def advantages(self, last: TensorDict, streams: Mapping[str, Tensor]) -> dict[str, Tensor]:
         """GAE per reward stream, each (T, n); also sets every critic's targets.
 

@@ -76,6 +76,7 @@ class Pairing:
             side: Context(
                 side=side,
                 role="adversary" if side == self.side else "victim",
+                seat=self.game.layout.sides[side],
                 mode="eval",
                 device=self.device,
                 generator=generator,

@@ -18,6 +18,8 @@ from typing import Any
 import pluggy
 
 from apil_core.errors import PluginError, UnknownNameError
+from apil_core.hook_api import check_version, stated_version, version_in_source
+from apil_core.hook_fit import register, unmarked
 from apil_core.hooks import PROJECT
 from apil_core.hookspecs import ProcessHooks, RunHooks
 from apil_core.specs import GameSpec, MethodSpec, PolicySpec, RecorderSpec
@@ -40,6 +42,7 @@ class PluginRecord:
         name: unique among plugins.
         version: of its distribution, or ``""``.
         origin: entry point or file it came from.
+        hook_api: hook API version it says it was built for, or ``None``.
         hooks: hooks it fills in the process-wide manager.
         methods, games, policies, recorders: names it offers.
         error: why it was left out, or ``None``.
@@ -48,6 +51,7 @@ class PluginRecord:
     name: str
     version: str
     origin: str
+    hook_api: int | None = None
     hooks: tuple[str, ...] = ()
     methods: tuple[str, ...] = ()
     games: tuple[str, ...] = ()
@@ -70,6 +74,8 @@ class PluginRegistry:
     def add(self, record: PluginRecord, plugin: Any) -> None:
         """Ask ``plugin`` what it offers and take it in, or record why not."""
         try:
+            record.hook_api = stated_version(plugin)
+            check_version(record.name, record.hook_api)
             offers = _ask(record, plugin)
             self._check_duplicates(offers)
         except Exception as error:
@@ -81,8 +87,21 @@ class PluginRegistry:
             getattr(self, kind).update(specs)
             setattr(record, kind, tuple(specs))
 
-    def add_failure(self, record: PluginRecord, error: BaseException) -> None:
-        """Record a plugin that could not even be imported."""
+    def add_failure(
+        self, record: PluginRecord, error: BaseException, source: str | Path | None = None
+    ) -> None:
+        """Record a plugin that could not even be imported.
+
+        Args:
+            record: of the plugin.
+            error: what importing it raised.
+            source: its module's name or file: one built for another hook API often fails for want of a name.
+        """
+        try:
+            record.hook_api = None if source is None else version_in_source(source)
+            check_version(record.name, record.hook_api)
+        except PluginError as reason:
+            error = reason
         self._reject(record, error)
 
     def game(self, name: str) -> GameSpec:
@@ -157,14 +176,22 @@ def _ask(record: PluginRecord, plugin: Any) -> dict[str, dict[str, Any]]:
     manager = pluggy.PluginManager(PROJECT)
     manager.add_hookspecs(ProcessHooks)
     manager.add_hookspecs(RunHooks)  # an observer's run hooks stand in the same module
-    manager.register(plugin, name=record.name)
-    manager.check_pending()
+    register(manager, record.name, plugin)
+    for hook in unmarked(manager, plugin):
+        if hook in vars(ProcessHooks):
+            raise PluginError(f"{hook} is not marked with @hookimpl, so it is never called")
     callers = manager.get_hookcallers(plugin) or []
     record.hooks = tuple(sorted(caller.name for caller in callers))
     offers: dict[str, dict[str, Any]] = {}
     for kind, (hook, spec_type, key) in _OFFERS.items():
         offers[kind] = {}
-        for answer in getattr(manager.hook, hook)():
+        answers = getattr(manager.hook, hook)()
+        if not answers and getattr(manager.hook, hook).get_hookimpls():
+            answers = [None]  # pluggy drops it
+        for answer in answers:
+            if not isinstance(answer, Iterable):
+                wanted = f"{hook} must return a list of {spec_type.__name__}"
+                raise PluginError(f"{wanted}, got {type(answer).__name__}")
             for spec in answer:
                 if not isinstance(spec, spec_type):
                     raise PluginError(f"{hook} must return {spec_type.__name__} objects, got {spec!r}")
@@ -195,7 +222,7 @@ def discover(files: Sequence[str | Path] = (), *, forgiving: bool = False) -> Pl
         try:
             plugin = entry_point.load()
         except (Exception, SystemExit) as error:  # a script that was never meant to be imported
-            registry.add_failure(record, error)
+            registry.add_failure(record, error, entry_point.module)
         else:
             registry.add(record, plugin)
     # a run brings its files along, and a flag may name the same one again
@@ -211,7 +238,7 @@ def _add_file(registry: PluginRegistry, path: Path) -> PluginRecord:
     try:
         plugin = import_file(path)
     except (Exception, SystemExit) as error:
-        registry.add_failure(record, error)
+        registry.add_failure(record, error, path)
     else:
         registry.add(record, plugin)
     return record

@@ -131,7 +131,7 @@ def build_methods(
     built: dict[str, Method] = {}
     for spec in chain:
         model = options_model(spec.config, options.get(spec.name, {}), f"options.{spec.name}")
-        factory = load(spec.factory)
+        factory = load(spec.factory, f"method {spec.name!r}")
         try:
             method = factory(model, replace(setup, methods=dict(built)))
         except ApilError:
@@ -142,6 +142,8 @@ def build_methods(
                 f"plugin {spec.name!r} cannot be built: {type(error).__name__}: {reason}"
             ) from error
         if not isinstance(method, Method):
-            raise PluginError(f"plugin {spec.name!r}: {spec.factory} must give a Method, got {method!r}")
+            raise PluginError(
+                f"plugin {spec.name!r}: {spec.factory} must give a Method, got {type(method).__name__}"
+            )
         built[spec.name] = method
     return built

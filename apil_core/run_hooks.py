@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import TracebackType
@@ -10,11 +11,13 @@ from typing import TYPE_CHECKING, Any
 import pluggy
 
 from apil_core.errors import ApilError, PluginError
+from apil_core.hook_fit import register, remarks
 from apil_core.hooks import PROJECT
 from apil_core.hookspecs import ProcessHooks, RunHooks
 from apil_core.specs import MethodSpec, load
 
 if TYPE_CHECKING:
+    import torch
     from torch import Tensor
 
 
@@ -28,18 +31,22 @@ class RunHookManager:
         chain: the method's specs, requirements first.
         plugins: name → object with hook implementations, in the order to register.
 
+    Attributes:
+        device: where tensors that hooks return must live; ``None``: not checked.
+
     Raises:
         PluginError: an implementation fits no hook, or takes arguments the hook does not offer.
     """
 
     def __init__(self, chain: Sequence[MethodSpec], plugins: Mapping[str, Any]):
         self.plugins = dict(plugins)
+        self.device: torch.device | None = None
         self.manager = pluggy.PluginManager(PROJECT)
         self.manager.add_hookspecs(RunHooks)
         self.manager.add_hookspecs(ProcessHooks)  # observers are whole plugin modules
         for spec in chain:
             if spec.hookspecs:
-                self.manager.add_hookspecs(load(spec.hookspecs))
+                self._open(spec)
         for name, plugin in plugins.items():
             self._register(name, plugin)
 
@@ -59,6 +66,8 @@ class RunHookManager:
             if not isinstance(answer, Mapping):
                 raise self.complaint(hook, f"must return a dict or None, got {type(answer).__name__}")
             for name, value in answer.items():
+                if not isinstance(name, str):
+                    raise self.complaint(hook, f"names must be strings, got {shown(name)}")
                 if name in merged:
                     raise self.complaint(hook, f"{name!r} is returned twice; names must differ")
                 merged[name] = value
@@ -93,7 +102,9 @@ class RunHookManager:
     def checked(
         self, hook: str, name: str, value: Any, shape: tuple[int, ...], by: str | None = None
     ) -> Tensor:
-        """``value`` if it is a float32 tensor of that shape without NaN or infinities.
+        """``value`` without its graph, if it is a float32 tensor of that shape without NaN or infinities.
+
+        Nothing is ever differentiated back into what a plugin returned: its graph would only fill memory.
 
         Args:
             hook: what it was returned by.
@@ -111,13 +122,56 @@ class RunHookManager:
 
         label = f"{name!r} must be" if name else "must return"
         if not isinstance(value, torch.Tensor):
-            raise self.complaint(hook, f"{label} a tensor {shape} float32, got {value!r}", by)
+            raise self.complaint(hook, f"{label} a tensor {shape} float32, got {shown(value)}", by)
         if value.shape != shape or value.dtype != torch.float32:
             got = f"{tuple(value.shape)} {str(value.dtype).removeprefix('torch.')}"
             raise self.complaint(hook, f"{label} {shape} float32, got {got}", by)
+        if self.device is not None and not _lives_on(value, self.device):
+            raise self.complaint(hook, f"{label} on {self.device}, got one on {value.device}", by)
+        value = value.detach() if value.requires_grad else value
         if not all_finite(value):
             raise self.complaint(hook, f"{label} finite, got NaN or infinite values", by)
         return value
+
+    def notes(self) -> list[str]:
+        """What is odd about the plugins but no error, one line each."""
+        return [
+            f"plugin {name!r}: {line}"
+            for name, plugin in self.plugins.items()
+            for line in remarks(self.manager, name, plugin)
+        ]
+
+    @contextmanager
+    def arguments_unchanged(self) -> Iterator[None]:
+        """Compare what every hook is handed before and after it; costs copies: for the start of a run.
+
+        Raises:
+            PluginError: a hook changed a tensor it was handed; names the plugins asked, and the tensor.
+        """
+        from apil_core.unchanged import changed, copies
+
+        before: list[Mapping[str, Tensor]] = []  # hooks may call hooks
+
+        def keep(hook: str, implementations: Sequence[pluggy.HookImpl], arguments: Mapping[str, Any]) -> None:
+            before.append(copies(arguments))
+
+        def compare(
+            outcome: pluggy.Result[Any],
+            hook: str,
+            implementations: Sequence[pluggy.HookImpl],
+            arguments: Mapping[str, Any],
+        ) -> None:
+            paths = changed(before.pop(), arguments)
+            if paths and outcome.exception is None:
+                asked = ", ".join(dict.fromkeys(i.plugin_name for i in implementations))
+                text = f"changed {paths[0]} in place; work on a copy, others are handed the same"
+                raise self.complaint(hook, text, asked)
+
+        undo = self.manager.add_hookcall_monitoring(keep, compare)
+        try:
+            yield
+        finally:
+            undo()
 
     def only(self, plugin: Any) -> Any:
         """A caller namespace that asks ``plugin`` alone."""
@@ -145,13 +199,18 @@ class RunHookManager:
                 f"plugin {name!r} failed in {hook}: {type(error).__name__}: {reason}"
             ) from error
 
+    def _open(self, spec: MethodSpec) -> None:
+        try:
+            self.manager.add_hookspecs(load(spec.hookspecs or "", f"method {spec.name!r}"))
+        except ValueError as error:  # pluggy's, for a module without any
+            reason = f"its hookspecs {spec.hookspecs!r} has no function marked with hookspec"
+            raise PluginError(f"plugin {spec.name!r} cannot be used: {reason}") from error
+
     def _register(self, name: str, plugin: Any) -> None:
         try:
-            self.manager.register(plugin, name=name)
-            self.manager.check_pending()
-        except (pluggy.PluginValidationError, ValueError) as error:
-            reason = " ".join(str(error).split())
-            raise PluginError(f"plugin {name!r} cannot be used: {reason}") from error
+            register(self.manager, name, plugin)
+        except PluginError as error:
+            raise PluginError(f"plugin {name!r} cannot be used: {error}") from error
 
     def _culprit(self, traceback: TracebackType | None) -> tuple[str, str] | None:
         """The innermost hook implementation on the stack: (plugin, hook)."""
@@ -166,6 +225,18 @@ class RunHookManager:
             found = owners.get(traceback.tb_frame.f_code, found)
             traceback = traceback.tb_next
         return found
+
+
+def shown(value: Any) -> str:
+    """A value in a message: short ones as they are, others by their type."""
+    if isinstance(value, (str, int, float, type(None))):
+        return reprlib.repr(value)
+    return type(value).__name__
+
+
+def _lives_on(value: Tensor, device: torch.device) -> bool:
+    here = value.device
+    return (here.type == device.type and None in (here.index, device.index)) or here == device
 
 
 class _Subset:

@@ -16,6 +16,7 @@ from apil_core.evaluation import EvaluationResult
 from apil_core.files import sha256
 from apil_core.log_rows import Row, RowLog, iterations_per_row, open_recorders
 from apil_core.memory import resident_mb
+from apil_core.method_state import method_states
 from apil_core.plugins import PluginRegistry
 from apil_core.progress import Progress
 from apil_core.rundir import RunDir, part_of_rank
@@ -69,10 +70,16 @@ class Session:
         """Train until the budget is used up or somebody stops it; always leaves a checkpoint."""
         trainer, hooks = self.trainer, self.trainer.attack.hooks
         self.progress.started(self.config, self.run_dir.path, self.victim, trainer.steps)
+        for note in hooks.notes() if self.world.is_main else ():
+            self.progress.note(note)
         try:
             with hooks.attribution(), in_contact(), self._wish.listening(), one_torch_thread():
-                self._hook.run_started(run=trainer)
-                while not trainer.finished and not self.world.any(self._wish.asked):
+                with hooks.arguments_unchanged():  # every plugin shows its manners in the first iteration
+                    self._hook.run_started(run=trainer)
+                    if self._goes_on:
+                        self._iteration()
+                method_states(trainer.attack.methods)  # what grows in training can be stored as well
+                while self._goes_on:
                     self._iteration()
                 self.save()
                 status, evaluation = self._finish()
@@ -92,6 +99,10 @@ class Session:
         return attack.hooks.without(
             [plugin for name, plugin in attack.hooks.plugins.items() if name not in attack.methods]
         )
+
+    @property
+    def _goes_on(self) -> bool:
+        return not self.trainer.finished and not self.world.any(self._wish.asked)
 
     def _iteration(self) -> None:
         trainer = self.trainer

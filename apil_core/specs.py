@@ -186,8 +186,12 @@ class RecorderSpec:
     check: str = ""
 
 
-def load(reference: str) -> Any:
+def load(reference: str, whose: str = "") -> Any:
     """Resolve ``"module:attribute"`` (or ``"module"``).
+
+    Args:
+        reference: what to load.
+        whose: said first in the error, e.g. ``"method 'apil'"``.
 
     Raises:
         PluginError: the module does not import or has no such attribute.
@@ -198,7 +202,8 @@ def load(reference: str) -> Any:
         return getattr(module, attribute) if attribute else module
     except Exception as error:  # whatever a foreign module raises while it is imported
         reason = " ".join(f"{error}".split()) or type(error).__name__
-        raise PluginError(f"cannot load {reference!r}: {reason}{_graphics_hint(error)}") from error
+        asked = f"{whose}: " if whose else ""
+        raise PluginError(f"{asked}cannot load {reference!r}: {reason}{_graphics_hint(error)}") from error
 
 
 def _graphics_hint(error: BaseException) -> str:

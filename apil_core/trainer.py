@@ -15,11 +15,13 @@ from apil_core.distributed.replicas import Replicas
 from apil_core.errors import PluginError
 from apil_core.evaluation import MAX_PARALLEL_GAMES, EvaluationResult, score
 from apil_core.learner import MAIN_STREAM
+from apil_core.method_state import load_method_states, method_states
 from apil_core.pairing import Pairing
 from apil_core.plugins import PluginRegistry
 from apil_core.policy import Policy, PolicyInfo
 from apil_core.progress import Progress
 from apil_core.registry import make_game
+from apil_core.run_hooks import shown
 from apil_core.seats import run_victim
 from apil_core.side_games import SideGames
 from apil_core.types import Rollout
@@ -107,11 +109,13 @@ class Trainer:
 
     def _learn(self, rollout: Rollout) -> dict[str, float]:
         hooks, learner = self.attack.hooks, self.attack.learner
+        acted = learner.distribution()
+        rollout.action_mean, rollout.action_std = acted.mean, acted.std
         streams = self._streams(rollout)
         advantages = learner.advantages(self.attack.env.get_observations(), streams)
         mixed = hooks.hook.combine_advantages(run=self, rollout=rollout, streams=advantages)
         if mixed is not None:
-            hooks.checked("combine_advantages", "", mixed, tuple(rollout.done.shape))
+            mixed = hooks.checked("combine_advantages", "", mixed, tuple(rollout.done.shape))
         rollout.advantages = advantages[MAIN_STREAM] if mixed is None else mixed
         metrics: dict[str, float] = {}
         for name, plugin in hooks.plugins.items():
@@ -121,7 +125,7 @@ class Trainer:
                 try:
                     metrics[f"{name}/{key}"] = float(value)
                 except (TypeError, ValueError) as error:
-                    text = f"update_auxiliary: {key!r} must be a number, got {value!r}"
+                    text = f"update_auxiliary: {key!r} must be a number, got {shown(value)}"
                     raise PluginError(f"plugin {name!r}: {text}") from error
         metrics.update(
             learner.update(
@@ -140,9 +144,8 @@ class Trainer:
         if critics and streams.keys() != critics.keys():
             text = f"streams changed from {sorted(critics)} to {sorted(streams)}"
             raise hooks.complaint("finish_rollout", text)
-        for name, value in streams.items():
-            hooks.checked("finish_rollout", name, value, tuple(rollout.done.shape))
-        return streams
+        shape = tuple(rollout.done.shape)
+        return {name: hooks.checked("finish_rollout", name, v, shape) for name, v in streams.items()}
 
     def _learning_rate(self) -> float:
         ppo = self.config.ppo
@@ -199,7 +202,7 @@ class Trainer:
             "groups": attack.builder.sizes,
             "builder": attack.builder.state_dict(),
             "learner": attack.learner.state_dict(),
-            "methods": {name: method.state_dict() for name, method in attack.methods.items()},
+            "methods": method_states(attack.methods),
         }
 
     def state_dict(self) -> dict[str, Any]:
@@ -226,9 +229,7 @@ class Trainer:
         self.wall_seconds = state["wall_seconds"]
         attack.builder.load_state_dict(state["builder"])
         attack.learner.load_state_dict(state["learner"])
-        with attack.hooks.attribution():
-            for name, method in attack.methods.items():
-                method.load_state_dict(state["methods"][name])
+        load_method_states(attack.methods, state["methods"])
         attack.env.load_state_dict(state["env"])
         self.side_games.load_state_dict(state["side_games"])
         for name, generator in attack.generators.items():
@@ -252,6 +253,5 @@ class Trainer:
             }
             module.moments.load_state_dict(moments)
         attack.env.restart()
-        for name, method in attack.methods.items():
-            if name in state["methods"]:
-                method.load_state_dict(state["methods"][name])
+        shared = {name: method for name, method in attack.methods.items() if name in state["methods"]}
+        load_method_states(shared, state["methods"])

@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import torch
 from torch import Tensor
+
+if TYPE_CHECKING:
+    from apil_core.game import SideLayout
 
 Mode = Literal["train", "eval"]
 Role = Literal["adversary", "victim", "imitator"]
@@ -61,6 +64,7 @@ class Context:
     Attributes:
         side: index of the side that will see the observation.
         role: what that side is.
+        seat: sizes of what that side sees and does, and which channels tell about its opponent.
         mode: ``train`` or ``eval``; stochastic helpers may differ (see docs/methods.md §3, row ã).
         device: where the tensors live.
         generator: the only source of randomness a hook may use.
@@ -68,6 +72,7 @@ class Context:
 
     side: int
     role: Role
+    seat: SideLayout
     mode: Mode
     device: torch.device
     generator: torch.Generator
@@ -158,6 +163,8 @@ class Rollout:
         groups: extra observation groups as given by ``extend_observation``, each (T, n, k).
         next_groups: the same for the observation after the last step, each (n, k).
         advantages: shape (T, n); set before ``update_auxiliary``.
+        action_mean, action_std: of the adversary's distribution that ``action`` was drawn from, (T, n, a);
+            ``None`` in the rollouts of ``run.collect``.
     """
 
     observation: Tensor
@@ -178,6 +185,8 @@ class Rollout:
     groups: dict[str, Tensor] = field(default_factory=dict)
     next_groups: dict[str, Tensor] = field(default_factory=dict)
     advantages: Tensor | None = None
+    action_mean: Tensor | None = None
+    action_std: Tensor | None = None
 
     @property
     def steps(self) -> int:

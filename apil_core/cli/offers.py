@@ -2,29 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
 
 from apil_core.cli.flags import Json, Plugins
 from apil_core.cli.output import console, print_json, table
 
 if TYPE_CHECKING:
+    from apil_core.plugin_check import PluginReport
     from apil_core.plugins import PluginRecord, PluginRegistry
 
+_Check = Annotated[
+    bool, Parameter(name="--check", negative=(), help="Load all they name and compare their hooks.")
+]
 
-def plugins(*, plugin: Plugins | None = None, as_json: Json = False) -> int:
+
+def plugins(*, plugin: Plugins | None = None, check: _Check = False, as_json: Json = False) -> int:
     """List plugins: name, version, origin, hooks and offers; a broken one with its error.
 
     Exit code 1 if any plugin is broken.
     """
+    if check:
+        return _checked(plugin, as_json)
     records = _discover(plugin).records
     if as_json:
         print_json([asdict(record) for record in records])
     else:
-        rows = table("plugin", "version", "offers", "hooks", "origin")
+        rows = table("plugin", "version", "hook API", "offers", "hooks", "origin")
         for record in records:
             offers = f"[red]{_escaped(record.error)}[/]" if record.error else _offers(record)
-            rows.add_row(record.name, record.version, offers, ", ".join(record.hooks), record.origin)
+            stated = _stated(record.hook_api)
+            rows.add_row(record.name, record.version, stated, offers, ", ".join(record.hooks), record.origin)
         console().print(rows)
     return int(any(record.error for record in records))
 
@@ -55,6 +66,34 @@ def methods(*, plugin: Plugins | None = None, as_json: Json = False) -> None:
     for spec in specs:
         rows.add_row(spec.name, ", ".join(spec.requires) or "–", spec.summary, spec.reference)
     console().print(rows)
+
+
+def _checked(plugin: list | None, as_json: bool) -> int:
+    from apil_core.plugin_check import check_plugins
+    from apil_core.plugins import discover
+
+    reports = check_plugins(discover(plugin or [], forgiving=True))
+    if as_json:
+        print_json([asdict(report) for report in reports])
+    else:
+        for line in (line for report in reports for line in _lines(report)):
+            console().print(line)
+    return int(any(report.broken for report in reports))
+
+
+def _lines(report: PluginReport) -> Iterator[str]:
+    """One line per plugin that works, per reason why one does not, and per remark."""
+    for reason in report.broken:
+        yield f"[red]broken[/]  {report.name}: {_escaped(reason)}"
+    if not report.broken:
+        version = f"{report.name} {report.version}".strip()
+        yield f"[green]works[/]   {version} (hook API {_stated(report.hook_api)})"
+    for remark in report.remarks:
+        yield f"[yellow]remark[/]  {report.name}: {_escaped(remark)}"
+
+
+def _stated(version: int | None) -> str:
+    return "not stated" if version is None else str(version)
 
 
 def _discover(plugin: list | None) -> PluginRegistry:

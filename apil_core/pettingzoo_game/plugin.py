@@ -8,6 +8,8 @@ from typing import Any
 from apil_core.hooks import hookimpl
 from apil_core.specs import GameSpec
 
+APIL_HOOK_API = 1
+
 _FAMILY = GameSpec(
     name="pettingzoo",
     factory="apil_core.pettingzoo_game.game:PettingZooGame",

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from apil_core import GameSpec, Matchup, PolicySpec, PublishedScore, RewardWeights, hookimpl
 
+APIL_HOOK_API = 1
+
 
 def _published(win: float, win_or_tie: float) -> PublishedScore:
     """A cell of the papers' baseline column; the action modes are those of its published evaluation code."""

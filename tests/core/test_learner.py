@@ -15,6 +15,8 @@ from apil_core.game_env import AttackEnv
 from apil_core.learner import Actor, Learner
 from apil_core.ppo_storage import LATENT, PPOStorage
 from apil_core.registry import default_plugins
+from apil_core.trainer import Trainer
+from apil_core.types import DiagonalGaussian
 from core.every_game import GAME_NAMES
 from core.small_runs import small_config
 
@@ -54,6 +56,32 @@ def test_our_distribution_is_rsl_rls():
     torch.testing.assert_close(ours.entropy(), learner.actor.model.output_entropy)
     torch.testing.assert_close(ours.mean, learner.actor.model(example))
     assert learner.actor.hidden(example).shape == (8, 64)
+
+
+def test_a_rollout_tells_what_the_adversarys_actions_were_drawn_from():
+    attack = build(small_config("adrl", num_envs=4, ppo={"num_steps": 8}), default_plugins())
+    trainer, seen = Trainer(attack, default_plugins()), []
+    learn = trainer._learn
+
+    def spy(rollout):
+        before = attack.learner.actor.std.detach().clone()
+        metrics = learn(rollout)
+        seen.append((rollout, before))
+        return metrics
+
+    trainer._learn = spy
+    trainer.iterate()
+    ((rollout, std),) = seen
+    storage = attack.learner.storage
+    assert rollout.action_mean.shape == rollout.action_std.shape == rollout.action.shape
+    assert torch.equal(
+        rollout.action_std, std.expand_as(rollout.action)
+    )  # the update has changed the actor's
+    drawn = DiagonalGaussian(rollout.action_mean, rollout.action_std)
+    log_prob = drawn.log_prob(rollout.action)
+    torch.testing.assert_close(log_prob, storage.actions_log_prob[..., 0])
+    # plugins may train on it
+    (rollout.action_mean * torch.ones((), requires_grad=True)).sum().backward()
 
 
 def test_minibatches_are_rsl_rls_but_for_the_copying():

@@ -7,7 +7,7 @@ import re
 import pytest
 import torch
 
-from apil_core import Context, PluginError, hookimpl
+from apil_core import Context, PluginError, SideLayout, hookimpl
 from apil_core.observation_filter import ObservationFilter
 from apil_core.run_hooks import RunHookManager
 
@@ -23,7 +23,10 @@ def manager(**filters):
 
 def filtered(hooks, side=0):
     device = torch.device("cpu")
-    contexts = {i: Context(i, ("adversary", "victim")[i], "eval", device, torch.Generator()) for i in (0, 1)}
+    seat = SideLayout("player", observation_size=SHAPE[1], action_size=1, action_low=-1.0, action_high=1.0)
+    contexts = {
+        i: Context(i, ("adversary", "victim")[i], seat, "eval", device, torch.Generator()) for i in (0, 1)
+    }
     return ObservationFilter(hooks, contexts)(side, torch.ones(SHAPE))
 
 

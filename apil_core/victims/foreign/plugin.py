@@ -5,6 +5,8 @@ from __future__ import annotations
 from apil_core.hooks import hookimpl
 from apil_core.specs import PolicySpec
 
+APIL_HOOK_API = 1
+
 _HERE = "apil_core.victims.foreign"
 
 

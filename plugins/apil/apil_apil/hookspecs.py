@@ -12,18 +12,20 @@ if TYPE_CHECKING:
     from apil_core import Rollout, Run
 
 
-@hookspec(firstresult=True)
+@hookspec(firstresult=True, since=1)
 def imitation_reward(run: Run, rollout: Rollout, logits: Tensor) -> Tensor | None:
-    """The imitator's reward per step, before its policy-gradient update.
+    """Pay APIL's imitator, step by step.
 
     APIL answers with log D(s, ã) or −log(1 − D). Wrap it (``@hookimpl(wrapper=True)``) to add to
     that, as E-APIL does; implement it to replace it.
 
+    When: once per iteration, before the imitator's policy-gradient update.
+
     Args:
         run: the run.
-        rollout: the steps the imitator learns from.
-        logits: of D at (s, ã), shape (T, n): D = σ(logits).
+        rollout: the ``Rollout`` the imitator learns from.
+        logits: of D at each state and imitated action, (T, n): D = σ(logit).
 
     Returns:
-        rewards, shape (T, n), float32.
+        the imitator's reward, (T, n) float32.
     """

@@ -6,6 +6,8 @@ from apil_core import MethodSpec, hookimpl
 
 __all__ = ["register_methods"]
 
+APIL_HOOK_API = 1
+
 
 @hookimpl
 def register_methods() -> list[MethodSpec]:

@@ -1,0 +1,124 @@
+"""What methods keep across a restart: found storable before hours are spent, and whose fault it is if not."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor, nn
+
+from apil_core.checkpoint import to_tensors
+from apil_core.errors import ApilError, PluginError
+from apil_core.registry import build_methods
+
+if TYPE_CHECKING:
+    from apil_core.method import Method, MethodSetup
+    from apil_core.specs import MethodSpec
+
+_PLAIN = (Tensor, nn.Parameter, int, float, bool, str, bytes, type(None))
+"""Types known to be stored and read back as they are."""
+
+
+def method_states(methods: Mapping[str, Method]) -> dict[str, dict[str, Any]]:
+    """Every method's ``state_dict()``, by name.
+
+    Raises:
+        PluginError: one fails, is no dict, or holds what a checkpoint cannot hold; names method and key.
+    """
+    states = {}
+    for name, method in methods.items():
+        try:
+            state = method.state_dict()
+        except ApilError:
+            raise
+        except Exception as error:
+            raise PluginError(f"plugin {name!r} failed in state_dict: {_reason(error)}") from error
+        if not isinstance(state, dict):
+            raise PluginError(f"plugin {name!r}: state_dict must return a dict, got {type(state).__name__}")
+        culprit = unstorable(state, "state_dict")
+        if culprit is not None:
+            where, what = culprit
+            raise PluginError(
+                f"plugin {name!r}: {where} is a {what}, which a checkpoint cannot hold; "
+                "give tensors, numbers, strings and dicts of them"
+            )
+        states[name] = state
+    return states
+
+
+def load_method_states(methods: Mapping[str, Method], states: Mapping[str, dict[str, Any]]) -> None:
+    """Give every method back what :func:`method_states` got of it.
+
+    Raises:
+        PluginError: one does not take it.
+    """
+    for name, method in methods.items():
+        try:
+            method.load_state_dict(states[name])
+        except ApilError:
+            raise
+        except Exception as error:
+            raise PluginError(f"plugin {name!r}: its state does not load back: {_reason(error)}") from error
+
+
+def check_states(
+    methods: Mapping[str, Method],
+    chain: tuple[MethodSpec, ...],
+    options: Mapping[str, Mapping[str, Any]],
+    setup: MethodSetup,
+) -> None:
+    """Whether what the methods keep can be stored, and loads into methods built anew; draws nothing.
+
+    Args:
+        methods: of a run, just built.
+        chain, options, setup: what they were built from.
+
+    Raises:
+        PluginError: it cannot, or does not.
+    """
+    states = method_states(methods)
+    if not any(states.values()):
+        return
+    devices = [setup.device] if setup.device.type == "cuda" else []
+    with torch.random.fork_rng(devices=devices):
+        load_method_states(build_methods(chain, options, setup), stored_and_read(states))
+
+
+def stored_and_read(states: Mapping[str, Any]) -> dict[str, Any]:
+    """``states`` as a checkpoint gives them back."""
+    file = io.BytesIO()
+    torch.save(to_tensors(states), file)
+    file.seek(0)
+    read: dict[str, Any] = torch.load(file, weights_only=True)
+    return read
+
+
+def unstorable(value: Any, path: str) -> tuple[str, str] | None:
+    """Where below ``path`` the first thing is that a checkpoint cannot hold, and its type."""
+    if isinstance(value, Tensor) and value.grad_fn is not None:
+        return path, "tensor with a graph"
+    if type(value) in _PLAIN:
+        return None
+    if isinstance(value, Mapping):
+        inner = [(f"{path}[{key!r}]", item) for key, item in value.items()]
+        inner += [(f"{path}: key {key!r}", key) for key in value if type(key) not in _PLAIN]
+    elif type(value) in (list, tuple):
+        inner = [(f"{path}[{i}]", item) for i, item in enumerate(value)]
+    else:
+        return None if _survives(value) else (path, type(value).__name__)
+    found = (unstorable(item, where) for where, item in inner)
+    return next((culprit for culprit in found if culprit is not None), None)
+
+
+def _survives(value: Any) -> bool:
+    try:
+        stored_and_read({"": value})
+    except Exception:  # whatever a foreign class raises while it is pickled
+        return False
+    return True
+
+
+def _reason(error: Exception) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"

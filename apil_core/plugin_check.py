@@ -1,0 +1,131 @@
+"""``apil plugins --check``: all that can be found wrong with plugins without a run, torch and all loaded."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pluggy
+
+from apil_core.config_models import options_model
+from apil_core.errors import PluginError
+from apil_core.hook_api import HOOK_API, STATEMENT
+from apil_core.hook_fit import register, remarks
+from apil_core.hooks import PROJECT
+from apil_core.hookspecs import ProcessHooks, RunHooks
+from apil_core.method import Method
+from apil_core.plugins import PluginRecord, PluginRegistry
+from apil_core.run_hooks import RunHookManager
+from apil_core.specs import MethodSpec, load
+
+
+@dataclass(frozen=True)
+class PluginReport:
+    """What was found of one plugin.
+
+    Attributes:
+        name, version, origin: as :class:`apil_core.plugins.PluginRecord` has them.
+        hook_api: version it says it was built for, or ``None``.
+        broken: why it, or something it offers, cannot be used; empty if all works.
+        remarks: what is odd but works.
+    """
+
+    name: str
+    version: str
+    origin: str
+    hook_api: int | None
+    broken: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+def check_plugins(registry: PluginRegistry) -> list[PluginReport]:
+    """One report per plugin, broken ones included, in order of discovery."""
+    return [_report(registry, record) for record in registry.records]
+
+
+def _report(registry: PluginRegistry, record: PluginRecord) -> PluginReport:
+    broken, remarks = [], []
+    if record.error is not None:
+        broken.append(record.error)
+    else:
+        if record.hook_api is None:
+            remarks.append(f"states no hook API version: add {STATEMENT} = {HOOK_API} beside its hooks")
+        remarks += _module_remarks(record.name, registry.modules[record.name])
+        for name in record.methods:
+            _try(lambda name=name: remarks.extend(_method(registry, name)), broken)  # type: ignore[misc]
+        for what, reference in _lazily_named(registry, record):
+            _try(lambda w=what, r=reference: _loaded(w, r), broken)  # type: ignore[misc]
+    return PluginReport(
+        record.name,
+        record.version,
+        record.origin,
+        record.hook_api,
+        tuple(dict.fromkeys(broken)),
+        tuple(dict.fromkeys(remarks)),
+    )
+
+
+def _try(examine: Callable[[], object], broken: list[str]) -> None:
+    try:
+        examine()
+    except PluginError as error:
+        broken.append(str(error))
+
+
+def _module_remarks(name: str, module: Any) -> list[str]:
+    manager = pluggy.PluginManager(PROJECT)
+    manager.add_hookspecs(ProcessHooks)
+    manager.add_hookspecs(RunHooks)
+    register(manager, name, module)
+    return remarks(manager, name, module)
+
+
+def _method(registry: PluginRegistry, name: str) -> list[str]:
+    """Remarks on a method's run hooks, which are compared with the specifications of all it builds on."""
+    spec = registry.methods[name]
+    chain = registry.method_chain(name)
+    if spec.config is not None:
+        options_model(spec.config, f"method {name!r}")
+    made = _looked_at(spec)
+    if made is None:
+        return [f"method {name!r}: {spec.factory} is no class: its run hooks show in a run only"]
+    return [f"method {note.removeprefix('plugin ')}" for note in RunHookManager(chain, {name: made}).notes()]
+
+
+def _looked_at(spec: MethodSpec) -> Method | None:
+    """An object of the method's class, not initialised: its hooks are to be looked at, not called."""
+    factory = load(spec.factory, f"method {spec.name!r}")
+    if not inspect.isclass(factory):
+        if callable(factory):
+            return None
+        raise PluginError(
+            f"plugin {spec.name!r}: {spec.factory} must give a Method, got {type(factory).__name__}"
+        )
+    if not issubclass(factory, Method):
+        raise PluginError(f"plugin {spec.name!r}: {spec.factory} must be a Method, got {factory.__name__}")
+    made: Method = factory.__new__(factory)
+    return made
+
+
+def _lazily_named(registry: PluginRegistry, record: PluginRecord) -> Iterator[tuple[str, str | None]]:
+    """What the other specs name as strings: (whose and what, reference)."""
+    for name in record.games:
+        yield f"game {name!r}: factory", registry.games[name].factory
+        yield f"game {name!r}: config", registry.games[name].config
+    for name in record.policies:
+        yield f"policies {name!r}: loader", registry.policies[name].loader
+        yield f"policies {name!r}: lister", registry.policies[name].lister
+    for name in record.recorders:
+        yield f"recorder {name!r}: factory", registry.recorders[name].factory
+        yield f"recorder {name!r}: check", registry.recorders[name].check
+
+
+def _loaded(what: str, reference: str | None) -> None:
+    if not reference:
+        return
+    if what.endswith("config"):
+        options_model(reference, what)
+    elif not callable(load(reference, what)):
+        raise PluginError(f"{what}: {reference} cannot be called")
