@@ -1,0 +1,66 @@
+"""A method that requires the one under examination, and an observer: the company it must be able to keep."""
+
+from __future__ import annotations
+
+import sys
+
+import torch
+from torch import Tensor
+
+from apil_core.hooks import hookimpl
+from apil_core.method import Method, Run
+from apil_core.plugins import PluginRecord, PluginRegistry
+from apil_core.specs import MethodSpec
+from apil_core.types import Context, Rollout, StepBatch, View
+
+FOLLOWER, OBSERVER = "apil_testing_follower", "apil_testing_observer"
+TERM, GROUP, STREAM, METRIC = "follower_term", "follower_group", "follower_stream", "follower_metric"
+
+
+class Follower(Method):
+    """Answers every hook that several plugins may answer, under names of its own.
+
+    Attributes:
+        seen_groups: names of the groups in the last rollout.
+        seen_streams: names of the streams it was shown, or ``None`` if another combined the advantages.
+    """
+
+    seen_groups: frozenset[str] = frozenset()
+
+    @hookimpl
+    def extend_observation(self, context: Context, view: View) -> dict[str, Tensor]:
+        """One column, (n, 1)."""
+        return {GROUP: view.first.float().unsqueeze(-1)}
+
+    @hookimpl
+    def shape_reward(self, run: Run, step: StepBatch) -> dict[str, Tensor]:
+        """A small constant, (n,)."""
+        return {TERM: torch.full_like(step.reward, 0.01)}
+
+    @hookimpl
+    def finish_rollout(self, run: Run, rollout: Rollout) -> dict[str, Tensor]:
+        """A stream, (T, n)."""
+        return {STREAM: rollout.normalized_reward.clone()}
+
+    @hookimpl
+    def update_auxiliary(self, run: Run, rollout: Rollout) -> dict[str, float]:
+        """Look at what came."""
+        self.seen_groups = frozenset(rollout.groups)
+        return {METRIC: 1.0}
+
+
+@hookimpl
+def filter_observation(context: Context, side: int, obs: Tensor) -> Tensor:
+    """Both sides see less sharply: one part in a hundred, (n, o)."""
+    return obs + 0.01 * torch.randn(
+        obs.shape, generator=context.generator, device=obs.device, dtype=obs.dtype
+    )
+
+
+def beside(registry: PluginRegistry, method: MethodSpec) -> None:
+    """Add both to a registry; the follower requires ``method``."""
+    module = sys.modules[__name__]
+    follower = MethodSpec(FOLLOWER, f"{__name__}:Follower", requires=(method.name,))
+    registry.methods[FOLLOWER] = follower
+    registry.modules[OBSERVER] = module
+    registry.records.append(PluginRecord(OBSERVER, "", f"module {__name__}"))

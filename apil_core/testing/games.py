@@ -1,0 +1,124 @@
+"""``check_game``: a game through the whole contract of ``apil_core.Game``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from apil_core.errors import UnknownNameError
+from apil_core.game import Game
+from apil_core.plugins import PluginRegistry
+from apil_core.registry import make_game
+from apil_core.specs import GameSpec, load
+from apil_core.testing.game_play import Play, Trial
+from apil_core.testing.game_promises import PROMISES
+from apil_core.testing.method_spec import check_import, check_options
+from apil_core.testing.promises import GAME_PROMISES, ContractError, promised
+from apil_core.testing.reports import GameReport
+from apil_core.testing.subject import raise_if_broken, registry_with
+
+SHORT = 20
+"""Steps of a game where it has an option ``max_steps`` and the caller did not set it: some must end."""
+
+TIMED_STEPS = 50
+
+
+def check_game(
+    game: GameSpec | str,
+    *,
+    plugins: Sequence[str | Path] = (),
+    options: Mapping[str, Any] | None = None,
+) -> GameReport:
+    """Whether a game keeps every promise of :class:`apil_core.Game`, with random players.
+
+    What is checked and what a failure looks like: docs/testing.md.
+
+    Args:
+        game: a spec, or the name of an installed game or one that ``plugins`` offer; of a family with target.
+        plugins: files of one-file plugins.
+        options: of the game; an option ``max_steps`` is set to 20 unless it is among them.
+
+    Returns:
+        what was checked, and how fast the game is; ``print`` it.
+
+    Raises:
+        ContractError: the first promise that is broken.
+        UnknownNameError: no game has that name.
+    """
+    begin = time.process_time()
+    name = game.name if isinstance(game, GameSpec) else game
+    registry = registry_with(f"game {name!r}", GAME_PROMISES["spec"], plugins)
+    if isinstance(game, GameSpec):
+        registry.games[name] = game
+    elif not registry.has_game(name):
+        raise_if_broken(f"game {name!r}", GAME_PROMISES["spec"], registry, name)
+        raise UnknownNameError("game", name, registry.game_names())
+    skipped = check_spec(registry, name, options)
+    trial = trial_of(registry, name, options)
+    trial.skipped += skipped
+    for check in PROMISES.values():
+        with promised(f"game {name!r}", GAME_PROMISES[check.__name__]):
+            check(trial)
+    return _report(trial, begin)
+
+
+def trial_of(registry: PluginRegistry, name: str, options: Mapping[str, Any] | None = None) -> Trial:
+    """A game of a registry, made short where it can be."""
+    chosen = dict(options or {})
+    model = registry.game(name).config
+    if "max_steps" not in chosen and model is not None and "max_steps" in load(model).model_fields:
+        chosen["max_steps"] = SHORT
+
+    def make(num_envs: int, threads: int) -> Game:
+        return make_game(name, num_envs=num_envs, threads=threads, options=chosen, plugins=registry)
+
+    return Trial(name, make)
+
+
+def check_spec(registry: PluginRegistry, name: str, options: Mapping[str, Any] | None) -> list[str]:
+    """What can be said without playing; returns what could not be checked.
+
+    Raises:
+        ContractError: the spec or the options' model is wrong.
+    """
+    who, promise, spec = f"game {name!r}", GAME_PROMISES["spec"], registry.game(name)
+    if spec.victim_side not in (0, 1):
+        raise ContractError(who, promise, f"victim_side must be 0 or 1, got {spec.victim_side}")
+    check_options(who, promise, spec.config)
+    with promised(who, promise):
+        made = trial_of(registry, name, options).make(1, 1)
+    try:
+        if not isinstance(made, Game):
+            raise ContractError(who, promise, f"{spec.factory} must give an apil_core.Game, got {made!r}")
+        sides = tuple(side.name for side in made.layout.sides)
+    finally:
+        close = getattr(made, "close", None)
+        if close is not None:
+            close()
+    if not spec.target and sides != tuple(spec.sides):
+        text = f"sides of the spec are {', '.join(spec.sides)}, those of the game {', '.join(sides)}"
+        raise ContractError(who, promise, text)
+    reason = check_import(who, promise, registry, "games", name.partition(":")[0])
+    return [] if reason is None else [reason]
+
+
+def _report(trial: Trial, begin: float) -> GameReport:
+    with trial.game() as game:
+        play, start = Play(game), time.perf_counter()
+        play.run(TIMED_STEPS)
+        seconds = time.perf_counter() - start
+        sides = [(s.name, s.observation_size, s.action_size) for s in game.layout.sides]
+        speed = TIMED_STEPS * game.num_envs / seconds
+    titles = [promise.title for promise in GAME_PROMISES.values()]
+    left_out = {text.split(":")[0].capitalize() for text in trial.skipped}
+    return GameReport(
+        name=trial.name,
+        checked=[title for title in titles if title not in left_out],
+        skipped=trial.skipped,
+        sides=sides,
+        steps_per_second=speed,
+        endings=trial.endings,
+        seconds=time.process_time() - begin,
+    )

@@ -1,0 +1,102 @@
+"""The hook calls of the watched run: whether each came in its place, and what they cost."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Sequence
+
+from apil_core.hookspecs import RunHooks
+from apil_core.run_hooks import RunHookManager
+from apil_core.testing.method_runs import Watched
+from apil_core.testing.reports import HookCost
+from apil_core.testing.subject import Subject
+from apil_core.testing.watch import Call
+
+_PER_STEP = ("filter_observation", "extend_observation", "shape_reward")
+_PER_ROLLOUT = ("finish_rollout", "combine_advantages", "update_auxiliary", "iteration_finished")
+
+
+def check_calls(subject: Subject, run: Watched) -> None:
+    """Every call in its place, and every hook that the method fills called.
+
+    Raises:
+        ContractError: a call came too early, too late or not at all.
+    """
+    calls = run.watch.calls
+    hooks = run.trainer.attack.hooks
+    method = run.trainer.attack.methods[subject.spec.name]
+    called = {call.hook for call in calls if subject.spec.name in call.plugins}
+    for caller in hooks.manager.get_hookcallers(method) or []:
+        opened_by_a_method = not hasattr(RunHooks, caller.name)
+        if caller.name not in called and not (opened_by_a_method and subject.options):
+            raise subject.broken("calls", f"{caller.name} is filled but was never called", caller.name)
+    expected = expected_calls(
+        {name: _fillers(hooks, name) for name in vars(RunHooks) if not name.startswith("_")},
+        rollouts=run.trainer.iteration,
+        steps=run.config.ppo.num_steps,
+    )
+    made = [_event(call) for call in calls if not call.within and hasattr(RunHooks, call.hook)]
+    if (where := first_difference(made, expected)) is not None:
+        came = made[where] if where < len(made) else "none"
+        wanted = expected[where] if where < len(expected) else "none"
+        text = f"call {where + 1} of the run was {came}, promised was {wanted}"
+        raise subject.broken("calls", text)
+
+
+def _fillers(hooks: RunHookManager, name: str) -> list[str]:
+    impls = getattr(hooks.manager.hook, name).get_hookimpls()
+    filling = {impl.plugin_name for impl in impls}
+    return [plugin for plugin in hooks.plugins if plugin in filling]
+
+
+def _event(call: Call) -> str:
+    if call.hook in ("filter_observation", "update_auxiliary"):  # asked one by one
+        return f"{call.hook} of {call.plugins[0]}"
+    return call.hook
+
+
+def expected_calls(fillers: dict[str, list[str]], *, rollouts: int, steps: int) -> list[str]:
+    """The calls that docs/hooks.md promises for a run that is evaluated at its end, in order.
+
+    Args:
+        fillers: who fills each core hook, required methods first.
+        rollouts: iterations of the run.
+        steps: vectorised steps of each.
+    """
+
+    def some(hook: str) -> list[str]:
+        return [hook] if fillers.get(hook) else []
+
+    def each(hook: str) -> list[str]:
+        return [f"{hook} of {plugin}" for plugin in fillers.get(hook, [])]
+
+    observe = 2 * each("filter_observation") + some("extend_observation")
+    rollout = steps * (some("shape_reward") + observe)
+    rollout += some("finish_rollout") + some("combine_advantages")
+    rollout += each("update_auxiliary") + some("iteration_finished")
+    end = some("evaluation_finished") + some("run_finished")
+    return observe + some("run_started") + rollouts * rollout + end
+
+
+def first_difference(made: Sequence[str], expected: Sequence[str]) -> int | None:
+    """Where two sequences part, or ``None``."""
+    for i in range(max(len(made), len(expected))):
+        if i >= len(made) or i >= len(expected) or made[i] != expected[i]:
+            return i
+    return None
+
+
+def costs(subject: Subject, run: Watched) -> tuple[list[HookCost], float]:
+    """What the watched run's hooks took: a row per hook, and seconds per vectorised step for all of them."""
+    mine = [call for call in run.watch.calls if subject.spec.name in call.plugins]
+    rows = []
+    for hook in dict.fromkeys(call.hook for call in mine):
+        times = [call.seconds for call in mine if call.hook == hook]
+        every = "step" if hook in _PER_STEP else "rollout"
+        if hook not in (*_PER_STEP, *_PER_ROLLOUT):
+            every = "run" if hasattr(RunHooks, hook) else "rollout"
+        rows.append(HookCost(hook, len(times), every, statistics.median(times)))
+    steps = run.trainer.iteration * run.config.ppo.num_steps
+    typical = {row.hook: row.seconds for row in rows if row.every != "run"}
+    outer = (call for call in mine if subject.spec.name not in call.within)
+    return rows, sum(typical.get(call.hook, 0.0) for call in outer) / steps

@@ -1,0 +1,82 @@
+"""Checks of what a method's run has trained: it acts and scores without the run, and while it is blinded."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from apil_core.evaluation import EvaluationResult, score
+from apil_core.pairing import Pairing, load_pairing
+from apil_core.testing.method_runs import Watched
+from apil_core.testing.promises import METHOD_PROMISES, promised
+from apil_core.testing.subject import Subject
+from apil_core.torch_threads import one_torch_thread
+from apil_core.victims.conformance import check_policy
+
+EPISODES, STEPS = 4, 6
+
+
+def check_playing(subject: Subject, run: Watched) -> None:
+    """The trained adversary, loaded twice from its run's directory, and blinded.
+
+    As a policy it keeps that contract, too: it can sit in a victim's seat.
+
+    Raises:
+        ContractError: it fails, or does something else the second time.
+    """
+    seen = []
+    for _ in range(2):
+        with promised(subject.who, METHOD_PROMISES["evaluation"]):
+            pairing = load_pairing(run.out, num_envs=EPISODES, threads=1, plugins=subject.registry)
+        with pairing, one_torch_thread():
+            with promised(subject.who, METHOD_PROMISES["evaluation"]), pairing.attribution():
+                seen.append((first_actions(pairing), _outcome(score(pairing, episodes=EPISODES, seed=0))))
+            if len(seen) == 1:
+                check_blinding(subject, pairing)
+    (actions, outcome), (other_actions, other_outcome) = seen
+    if not torch.equal(actions, other_actions):
+        text = "loaded twice, the trained adversary acts differently with the same seed"
+        raise subject.broken("evaluation", text)
+    if outcome != other_outcome:
+        raise subject.broken("evaluation", "two evaluations of one seed differ")
+
+
+def check_blinding(subject: Subject, pairing: Pairing) -> None:
+    """As ``apil eval --blind initial --blind-imitator``.
+
+    Raises:
+        ContractError: it fails there.
+    """
+    if not pairing.game.layout.sides[pairing.side].opponent_channels:
+        subject.skipped.append(f"blinding: game {subject.env} names no opponent channels")
+        return
+    with promised(subject.who, METHOD_PROMISES["blinding"]), pairing.attribution():
+        score(pairing, episodes=EPISODES, seed=0, blind="initial", blind_imitator=True)
+
+
+@torch.inference_mode()
+def first_actions(pairing: Pairing) -> Tensor:
+    """What the adversary does in the first steps of some games, (STEPS, EPISODES, a).
+
+    Raises:
+        VictimError: it does not do what policies promise.
+    """
+    sides = pairing.game.layout.sides
+    check_policy(pairing.adversary, sides[pairing.side], sides[1 - pairing.side], second=True)
+    pairing.adversary.seed(0)
+    players, game = pairing.players(seed=0), pairing.game
+    game.seed(0)
+    game.reset()
+    first, chosen = np.ones(EPISODES, bool), []
+    for _ in range(STEPS):
+        actions = players.act(game, first)
+        chosen.append(torch.from_numpy(actions[pairing.side].copy()))
+        first = game.step(actions).done.copy()
+        if first.any():
+            game.reset(first)
+    return torch.stack(chosen)
+
+
+def _outcome(result: EvaluationResult) -> tuple[object, ...]:
+    return result.wins, result.ties, result.losses, result.causes, result.mean_length

@@ -1,0 +1,156 @@
+"""What is checked: a method with the plugins it is found among, and runs of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from apil_core import checkpoint
+from apil_core.build import build
+from apil_core.config import RunConfig
+from apil_core.config_io import complete
+from apil_core.errors import PluginError, UnknownNameError
+from apil_core.plugins import PluginRegistry, discover
+from apil_core.progress import Progress
+from apil_core.run_hooks import RunHookManager
+from apil_core.rundir import RunDir
+from apil_core.session import Session
+from apil_core.specs import MethodSpec, load
+from apil_core.testing.promises import METHOD_PROMISES, ContractError, Promise, promised
+from apil_core.testing.tiny import tiny_config
+from apil_core.trainer import Trainer
+
+SHORT = 5
+"""Steps of a game in tiny runs, where the game lets us choose: some must end and start anew."""
+
+
+@dataclass
+class Subject:
+    """A method under examination.
+
+    Attributes:
+        spec: its spec.
+        registry: a registry of its own, with the method in it.
+        options: of the method, as under ``options.<name>``; ``None``: the defaults.
+        env: the game it is tried on.
+    """
+
+    spec: MethodSpec
+    registry: PluginRegistry
+    env: str
+    options: Mapping[str, Any] | None = None
+    skipped: list[str] = field(default_factory=list)
+
+    @property
+    def who(self) -> str:
+        """For messages."""
+        return f"method {self.spec.name!r}"
+
+    def broken(self, promise: str, happened: str, hook: str | None = None) -> ContractError:
+        """The error for one of :data:`METHOD_PROMISES`."""
+        return ContractError(self.who, METHOD_PROMISES[promise], happened, hook)
+
+    def config(self, **changes: Any) -> RunConfig:
+        """A run of the method: 6 games, 4 rollouts of 8 steps, all of it kept."""
+        spec = self.registry.game(self.env)
+        shortened = spec.config is not None and "max_steps" in load(spec.config).model_fields
+        base: dict[str, Any] = {
+            "method": self.spec.name,
+            "env": self.env,
+            "steps": 4 * 48,
+            "num_envs": 6,
+            "threads": 1,
+            "ppo": {"num_steps": 8, "epochs": 2, "minibatches": 2},
+            "checkpoint": {"every_iterations": 1, "keep": 100},
+            "game": {"max_steps": SHORT} if shortened else {},
+            "options": {} if self.options is None else {self.spec.name: dict(self.options)},
+        }
+        return tiny_config(**{**base, **changes})
+
+
+def find(
+    method: MethodSpec | str,
+    plugins: Sequence[str | Path],
+    options: Mapping[str, Any] | None,
+    env: str,
+) -> Subject:
+    """The method among all installed plugins and the files given.
+
+    Raises:
+        ContractError: its plugin is broken.
+        UnknownNameError: no method or no game has that name.
+    """
+    name = method.name if isinstance(method, MethodSpec) else method
+    registry = registry_with(f"method {name!r}", METHOD_PROMISES["spec"], plugins)
+    if isinstance(method, MethodSpec):
+        registry.methods[name] = method
+    elif name not in registry.methods:
+        raise_if_broken(f"method {name!r}", METHOD_PROMISES["spec"], registry, name)
+        raise UnknownNameError("method", name, registry.methods)
+    registry.game(env)
+    return Subject(registry.methods[name], registry, env, options)
+
+
+def registry_with(who: str, promise: Promise, plugins: Sequence[str | Path]) -> PluginRegistry:
+    """A registry of the check's own: others are not to meet what is added to it.
+
+    Raises:
+        ContractError: one of the files is broken.
+    """
+    try:
+        return discover(plugins)
+    except PluginError as error:
+        raise ContractError(who, promise, str(error)) from error
+
+
+def raise_if_broken(who: str, promise: Promise, registry: PluginRegistry, name: str) -> None:
+    """A name nobody offers may be that of a plugin that was left out; then say why it was."""
+    for record in registry.records:
+        if record.error is not None and record.name == name:
+            text = f"plugin {record.name!r} ({record.origin}) is broken: {record.error}"
+            raise ContractError(who, promise, text)
+
+
+def train(
+    subject: Subject,
+    config: RunConfig,
+    out: Path,
+    *,
+    promise: str = "run",
+    manager: type[RunHookManager] = RunHookManager,
+    checkpoint_path: Path | None = None,
+) -> Trainer:
+    """Run ``config`` from its start, or from a checkpoint of another run of it.
+
+    As :func:`apil_core.run` and :func:`apil_core.resume` do, but with the subject's registry.
+
+    Args:
+        subject: whose method it is.
+        config: of the run.
+        out: its directory.
+        promise: that is broken if something goes wrong.
+        manager: of its hooks.
+        checkpoint_path: start from here.
+
+    Raises:
+        ContractError: the method failed.
+    """
+    registry = subject.registry
+    with promised(subject.who, METHOD_PROMISES[promise]):
+        config = complete(config, registry).model_copy(update={"victim_sha256": ""})
+        trainer = Trainer(build(config, registry, manager=manager), registry)
+        pending: Sequence[dict[str, float]] = ()
+        if checkpoint_path is not None:
+            state = checkpoint.read(checkpoint_path)
+            trainer.load_state_dict(state)
+            pending = state.get("pending_rows", ())
+        run_dir = RunDir.create(trainer.config, out, (), registry)
+        Session(trainer, run_dir, Progress(), registry, pending).go()
+    return trainer
+
+
+def final_state(out: Path) -> dict[str, Any]:
+    """What a run's newest checkpoint holds."""
+    return checkpoint.read(RunDir(out).newest_checkpoint())

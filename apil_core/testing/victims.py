@@ -1,0 +1,215 @@
+"""``check_victim``: a policy in its seat, from its name to a score."""
+
+from __future__ import annotations
+
+import copy
+import re
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from apil_core.evaluation import EvaluationResult
+from apil_core.evaluator import evaluate
+from apil_core.game import Game
+from apil_core.plugins import PluginRegistry
+from apil_core.policy import Policy
+from apil_core.registry import make_game
+from apil_core.seats import Taking, load_victim
+from apil_core.testing.promises import VICTIM_PROMISES, ContractError, promised
+from apil_core.testing.reports import VictimReport
+from apil_core.testing.subject import registry_with
+from apil_core.torch_threads import one_torch_thread
+from apil_core.types import View
+from apil_core.victims.conformance import examine
+
+GAMES, STEPS, EPISODES = 4, 5, 8
+_DIGEST = re.compile(r"[0-9a-f]{64}")
+
+
+@dataclass
+class Candidate:
+    """A victim under examination.
+
+    Attributes:
+        name: as given.
+        game: whose seat it takes; not stepped.
+        side: index of the seat.
+        registry: who knows the name.
+    """
+
+    name: str
+    game: Game
+    side: int
+    registry: PluginRegistry
+
+    @property
+    def who(self) -> str:
+        """For messages."""
+        return f"victim {self.name!r}"
+
+    def broken(self, promise: str, happened: str) -> ContractError:
+        """The error for one of :data:`VICTIM_PROMISES`."""
+        return ContractError(self.who, VICTIM_PROMISES[promise], happened)
+
+    def load(self, name: str) -> Policy:
+        """The policy of that name in the seat, trusted: its author is asking."""
+        with promised(self.who, VICTIM_PROMISES["load"]):
+            return load_victim(name, self.game, self.side, "cpu", self.registry, Taking(trust=True))
+
+
+def check_victim(
+    name: str, env: str, *, plugins: Sequence[str | Path] = (), side: Literal[0, 1] | None = None
+) -> VictimReport:
+    """Whether a policy can be a victim: loaded by name, acting as promised, the same each time.
+
+    What is checked and what a failure looks like: docs/testing.md. Code that the name may run is trusted.
+
+    Args:
+        name: of the policy.
+        env: the game in which it takes a seat.
+        plugins: files of one-file plugins.
+        side: index of the seat; default: the game's victim's.
+
+    Returns:
+        what was checked, and how it does against noise; ``print`` it.
+
+    Raises:
+        ContractError: the first promise that is broken.
+        UnknownNameError: no game has that name.
+    """
+    begin = time.process_time()
+    registry = registry_with(f"victim {name!r}", VICTIM_PROMISES["load"], plugins)
+    spec = registry.game(env)
+    game = make_game(env, num_envs=GAMES, threads=1, plugins=registry)
+    try:
+        candidate = Candidate(name, game, spec.victim_side if side is None else side, registry)
+        with one_torch_thread(), torch.random.fork_rng(devices=[]):
+            policy = check_identity(candidate)
+            notes = check_acting(candidate, policy)
+            check_same(candidate)
+            result = check_playing(candidate, env)
+    finally:
+        game.close()
+    return VictimReport(
+        name=policy.info.name,
+        env=env,
+        side=game.layout.sides[candidate.side].name,
+        sha256=policy.info.sha256,
+        checked=[promise.title for promise in VICTIM_PROMISES.values()],
+        notes=notes,
+        wins=result.losses,
+        ties=result.ties,
+        losses=result.wins,
+        seconds=time.process_time() - begin,
+    )
+
+
+def check_identity(candidate: Candidate) -> Policy:
+    """It loads, under the name it says it has, with the same hash.
+
+    Raises:
+        ContractError: it does not.
+    """
+    policy = candidate.load(candidate.name)
+    again = candidate.load(policy.info.name)
+    if again.info.name != policy.info.name:
+        text = f"it says its name is {policy.info.name!r}, which loads one named {again.info.name!r}"
+        raise candidate.broken("load", text)
+    if not _DIGEST.fullmatch(policy.info.sha256):
+        raise candidate.broken("hash", f"info.sha256 must be 64 hex digits, got {policy.info.sha256!r}")
+    if again.info.sha256 != policy.info.sha256:
+        raise candidate.broken("hash", "loaded twice, it has two hashes")
+    return policy
+
+
+def check_acting(candidate: Candidate, policy: Policy) -> list[str]:
+    """Everything that ``apil victims check`` looks at; returns its notes.
+
+    Raises:
+        ContractError: a promise of :class:`apil_core.Policy` is broken.
+    """
+    sides = candidate.game.layout.sides
+    found = examine(policy, sides[candidate.side], sides[1 - candidate.side])
+    for error in found.errors:
+        raise candidate.broken("acts", error)
+    traits = {"recurrent": found.recurrent, "stochastic": found.stochastic}
+    return [*found.notes, *(name for name, has in traits.items() if has)]
+
+
+def check_same(candidate: Candidate) -> None:
+    """Two copies side by side, and one that takes over from the other's state.
+
+    Raises:
+        ContractError: they act differently.
+    """
+    left, right = candidate.load(candidate.name), candidate.load(candidate.name)
+    one, other = _Seated(candidate, left), _Seated(candidate, right)
+    if not torch.equal(one.act(STEPS), other.act(STEPS)):
+        raise candidate.broken("same", "loaded twice, it acts differently for the same seed")
+    third = candidate.load(candidate.name)
+    with promised(candidate.who, VICTIM_PROMISES["same"]):
+        third.load_recurrent_state(copy.deepcopy(left.recurrent_state()))
+    follower = _Seated(candidate, third, one.generator.get_state(), one.step)
+    if not torch.equal(one.act(STEPS), follower.act(STEPS)):
+        raise candidate.broken("same", "a copy that loads its recurrent_state() does not go on as it does")
+
+
+class _Seated:
+    """A policy shown the same made-up observations step by step."""
+
+    def __init__(self, candidate: Candidate, policy: Policy, random: Tensor | None = None, step: int = 0):
+        self.candidate, self.policy, self.step = candidate, policy, step
+        self.generator = torch.Generator().manual_seed(0)
+        if random is None:
+            policy.seed(0)
+        else:
+            self.generator.set_state(random)
+
+    def act(self, steps: int) -> Tensor:
+        """Actions of the next steps, (steps, GAMES, a)."""
+        sides = self.candidate.game.layout.sides
+        own, opponent = sides[self.candidate.side], sides[1 - self.candidate.side]
+        chosen = []
+        for _ in range(steps):
+            random = torch.Generator().manual_seed(self.step)
+            view = View(
+                torch.randn(GAMES, own.observation_size, generator=random),
+                torch.randn(GAMES, opponent.observation_size, generator=random),
+                torch.full((GAMES,), self.step == 0),
+            )
+            with torch.no_grad():
+                decision = self.policy.act(view, sample=True, generator=self.generator)
+            chosen.append(decision.action.clone())
+            self.step += 1
+        return torch.stack(chosen)
+
+
+def check_playing(candidate: Candidate, env: str) -> EvaluationResult:
+    """A few games against noise, twice.
+
+    Raises:
+        ContractError: they cannot be played, or end differently.
+    """
+    with promised(candidate.who, VICTIM_PROMISES["play"]):
+        results = [
+            evaluate(
+                "random",
+                env=env,
+                victim=candidate.name,
+                victim_seat=1 if candidate.side else 0,
+                episodes=EPISODES,
+                threads=1,
+                trust=True,
+                plugins=candidate.registry,
+            )
+            for _ in range(2)
+        ]
+    first, second = results
+    if (first.wins, first.ties, first.mean_length) != (second.wins, second.ties, second.mean_length):
+        raise candidate.broken("play", "the same seed gave two scores")
+    return first

@@ -1,0 +1,147 @@
+"""A hook manager that notes every call of a run: who was asked when, how long it took, what it changed."""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pluggy
+import torch
+
+from apil_core.run_hooks import RunHookManager
+from apil_core.unchanged import changed, copies
+
+
+@dataclass
+class Call:
+    """One call of a hook that somebody fills.
+
+    Attributes:
+        hook: its name.
+        plugins: who was asked, in order of registration.
+        within: plugins of the hooks from within which it was made.
+        seconds: of processor time, in the plugins and in pluggy; with calls within it, without the watch.
+    """
+
+    hook: str
+    plugins: tuple[str, ...]
+    within: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+
+@dataclass
+class Mistake:
+    """What a hook did that it should not.
+
+    Attributes:
+        promise: key of ``METHOD_PROMISES``.
+        hook: during which it was done.
+        text: what.
+    """
+
+    promise: str
+    hook: str
+    text: str
+
+
+@dataclass
+class _Open:
+    call: Call
+    before: Mapping[str, torch.Tensor]
+    plain: str
+    random: tuple[bytes, bytes, int]
+    begin: float = 0.0
+    watching: float = 0.0
+
+
+class Watch:
+    """What a run's hooks did.
+
+    Attributes:
+        calls: all calls of hooks that somebody fills, as they began.
+        mistakes: in the order they were seen; a call's own come after those of calls within it.
+    """
+
+    def __init__(self) -> None:
+        self.calls: list[Call] = []
+        self.mistakes: list[Mistake] = []
+        self._open: list[_Open] = []
+
+    def before(self, hook: str, impls: Sequence[pluggy.HookImpl], arguments: Mapping[str, Any]) -> None:
+        """For pluggy: a call begins."""
+        if not impls:
+            return
+        entered = time.process_time()
+        within = tuple(name for opened in self._open for name in opened.call.plugins)
+        call = Call(hook, tuple(impl.plugin_name for impl in impls), within)
+        self.calls.append(call)
+        self._open.append(_Open(call, copies(arguments), _plain(arguments), _random_states()))
+        self._open[-1].begin = time.process_time()
+        self._charge(self._open[-1].begin - entered, self._open[:-1])
+
+    def after(
+        self, outcome: Any, hook: str, impls: Sequence[pluggy.HookImpl], arguments: Mapping[str, Any]
+    ) -> None:
+        """For pluggy: it ended, well or not."""
+        if not impls:
+            return
+        ended = time.process_time()
+        opened = self._open.pop()
+        opened.call.seconds = ended - opened.begin - opened.watching
+        paths = changed(opened.before, arguments)
+        if not paths and opened.plain != _plain(arguments):
+            paths = [name for name in arguments if name != "run"]
+        if paths:
+            self._note("unchanged", opened.call, f"changed {', '.join(paths[:3])}")
+        for name, then, now in zip(_GLOBAL, opened.random, _random_states(), strict=True):
+            if then != now:
+                self._note("randomness", opened.call, f"drew from, or seeded, {name}")
+        self._charge(time.process_time() - ended, self._open)
+
+    def _note(self, promise: str, call: Call, text: str) -> None:
+        # a nested call's mistake is its callers' too; it is told once, where it happened
+        if not any(mistake.promise == promise and mistake.text == text for mistake in self.mistakes):
+            who = ", ".join(call.plugins)
+            self.mistakes.append(Mistake(promise, call.hook, f"{call.hook} (filled by {who}) {text}"))
+
+    @staticmethod
+    def _charge(seconds: float, opened: Sequence[_Open]) -> None:
+        for one in opened:
+            one.watching += seconds
+
+
+_GLOBAL = ("torch's global generator", "numpy's global generator", "Python's module random")
+
+
+def _random_states() -> tuple[bytes, bytes, int]:
+    _, keys, position, *_ = np.random.get_state(legacy=True)
+    numpy_state = np.asarray(keys).tobytes() + bytes(str(position), "ascii")
+    return torch.get_rng_state().numpy().tobytes(), numpy_state, hash(random.getstate())
+
+
+def _plain(arguments: Mapping[str, Any]) -> str:
+    """Numbers and strings in dicts among the arguments (``metrics``, ``result``), tensors left out."""
+    return repr({name: _numbers(value) for name, value in arguments.items() if isinstance(value, Mapping)})
+
+
+def _numbers(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _numbers(item) for key, item in value.items()}
+    return None if isinstance(value, torch.Tensor) else value
+
+
+def watching(watch: Watch) -> type[RunHookManager]:
+    """A class of hook managers whose calls ``watch`` hears of."""
+
+    class WatchedHooks(RunHookManager):
+        """The real thing, listened to."""
+
+        def __init__(self, *arguments: Any, **keywords: Any):
+            super().__init__(*arguments, **keywords)
+            self.manager.add_hookcall_monitoring(watch.before, watch.after)
+
+    return WatchedHooks

@@ -1,0 +1,292 @@
+"""check_method: the built-in methods pass, and every promise has a plugin that breaks it and is told so."""
+
+from __future__ import annotations
+
+import types
+from pathlib import Path
+
+import pytest
+import torch
+
+import testing.broken_methods as broken_methods
+from apil_core import MethodSpec, UnknownNameError, View
+from apil_core.plugins import PluginRecord, discover
+from apil_core.testing import ContractError, MethodReport, check_method
+from apil_core.testing.method_calls import check_calls, expected_calls, first_difference
+from apil_core.testing.method_play import check_playing
+from apil_core.testing.method_runs import (
+    check_company,
+    check_other_seed,
+    check_resume,
+    check_same_seed,
+    check_sizes,
+    watched_run,
+)
+from apil_core.testing.method_spec import check_import
+from apil_core.testing.methods import without_a_run
+from apil_core.testing.promises import METHOD_PROMISES
+from apil_core.testing.subject import Subject, find
+from apil_core.testing.watch import Call, Watch, watching
+from testing.broken_methods import IN_ONE_CALL, OPTIONS, WATCHED, WITHOUT_A_RUN, method
+
+
+@pytest.fixture(autouse=True)
+def _own_random_numbers():
+    with torch.random.fork_rng(devices=[]):
+        yield
+
+
+def subject(name: str, **more) -> Subject:
+    return find(method(name, **more), (), None, "toy-pursuit")
+
+
+def says(caught, address: str, text: str) -> None:
+    message = str(caught.value)
+    assert "method 'bad'" in message
+    assert text in message
+    assert message.endswith(f"\n  docs: {address}")
+    assert f"\n  contract: {caught.value.promise.text}\n" in message
+
+
+# --- methods that are sound
+
+
+def test_adrl_keeps_every_promise() -> None:
+    report = check_method("adrl")
+    assert report.checked == [promise.title for promise in METHOD_PROMISES.values()]
+    assert report.skipped == []
+    assert str(report).splitlines()[1] == "  fills no hook"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "options", "hooks"),
+    [
+        ("apl", None, {"shape_reward": 32, "finish_rollout": 4, "combine_advantages": 4}),
+        ("apl", {"advantage_difference": True}, {"shape_reward": 32, "finish_rollout": 4}),
+        ("apil", None, {"extend_observation": 33, "update_auxiliary": 4, "imitation_reward": 4}),
+        ("apil", {"prediction": "noise"}, {"extend_observation": 33}),
+        ("apil", {"prediction": "oracle", "share_victim_observation": True}, {"extend_observation": 33}),
+        ("apil", {"rollouts": "own", "imitator": {"update": "ppo"}}, {"imitation_reward": 2}),
+        ("e_apil", None, {"imitation_reward": 4}),
+    ],
+)
+def test_the_other_methods_keep_every_promise(name: str, options, hooks: dict[str, int]) -> None:
+    report = check_method(name, options=options)
+    calls = {cost.hook: cost.calls for cost in report.hooks}
+    assert {hook: calls[hook] for hook in hooks} == hooks
+    assert all(hook in str(report) for hook in hooks)
+
+
+def test_a_report_is_a_short_table() -> None:
+    from apil_core.testing.reports import HookCost
+
+    costs = [HookCost("shape_reward", 32, "step", 5e-5), HookCost("update_auxiliary", 4, "rollout", 0.02)]
+    report = MethodReport("mine", "toy-pursuit", ["Spec"], ["light import: why"], costs, 0.00255, 6, 1.0)
+    assert str(report).splitlines() == [
+        "method mine on toy-pursuit: 1 promises kept (1.0 s)",
+        "  hook              calls               ms a call",
+        "  shape_reward      32     per step     0.050",
+        "  update_auxiliary  4      per rollout  20.000",
+        "  all hooks: 2.550 ms per vectorised step of 6 games",
+        "  not checked: light import: why",
+    ]
+
+
+# --- broken before a run
+
+
+@pytest.mark.parametrize(
+    ("spec", "text"),
+    [
+        (MethodSpec("bad", "no_such_module:Bad"), "cannot load 'no_such_module:Bad'"),
+        (method("Open"), "must be a subclass of apil_core.Method"),
+        (method("WATCHED"), "must be a class, got [("),
+        (method("Crashes", summary="two\nlines"), "summary must be one line"),
+        (method("Crashes", requires=("nobody",)), "requires 'nobody', which no working plugin offers"),
+        (method("Crashes", requires=("apl", "apl")), "requires names a method twice"),
+        (MethodSpec("a.bad", "x:y"), "name 'a.bad' cannot stand in options.<name>.<key>"),
+    ],
+)
+def test_a_spec_that_is_not_sound(spec: MethodSpec, text: str) -> None:
+    with pytest.raises(ContractError) as caught:
+        check_method(spec)
+    assert text in str(caught.value)
+    assert caught.value.address == "testing.md#spec"
+
+
+def test_hookspecs_without_any() -> None:
+    with pytest.raises(ContractError, match="has no function marked with apil_core.hookspec") as caught:
+        check_method(method("Crashes", hookspecs="core.small_runs"))
+    assert caught.value.address == "hooks.md#hooks-of-your-own"
+
+
+@pytest.mark.parametrize(("model", "text"), OPTIONS)
+def test_options_that_are_not_sound(model: str, text: str) -> None:
+    with pytest.raises(ContractError) as caught:
+        check_method(method("Crashes", config=f"{broken_methods.__name__}:{model}"))
+    says(caught, "testing.md#options-model", text)
+
+
+@pytest.mark.parametrize(("name", "address", "text"), WITHOUT_A_RUN)
+def test_what_is_found_before_a_run(name: str, address: str, text: str) -> None:
+    with pytest.raises(ContractError) as caught:
+        without_a_run(subject(name))
+    says(caught, address, text)
+
+
+def test_a_module_that_imports_mujoco(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "heavy_plugin.py").write_text("import mujoco\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    registry = discover()
+    registry.records.append(PluginRecord("heavy", "", "entry point heavy_plugin", methods=("bad",)))
+    registry.modules["heavy"] = types.ModuleType("heavy_plugin")
+    with pytest.raises(ContractError, match="import heavy_plugin brings in mujoco") as caught:
+        check_import("method 'bad'", METHOD_PROMISES["import"], registry, "methods", "bad")
+    says(caught, "hooks.md#register_methods", "import those where they are used")
+
+
+def test_a_plugin_that_does_not_import(tmp_path: Path, apil_files: None) -> None:
+    (tmp_path / "torn.py").write_text("import apil_core.nothing\n")
+    with pytest.raises(ContractError, match="torn.py: .*No module named 'apil_core.nothing'"):
+        check_method("bad", plugins=[tmp_path / "torn.py"])
+
+
+def test_a_name_that_nobody_offers() -> None:
+    with pytest.raises(UnknownNameError, match="unknown method 'apal' .did you mean 'ap"):
+        check_method("apal")
+
+
+# --- broken in a run
+
+
+@pytest.mark.parametrize(("name", "promise", "hook", "text"), IN_ONE_CALL)
+def test_what_the_watch_sees_in_one_call(name: str, promise: str, hook: str, text: str) -> None:
+    watch = Watch()
+    hooks = watching(watch)([], {"bad": getattr(broken_methods, name)(None, None)})
+    given = {
+        "extend_observation": {
+            "context": None,
+            "view": View(torch.ones(2, 3), torch.ones(2, 3), torch.ones(2)),
+        },
+        "iteration_finished": {"run": None, "metrics": {"steps": 1.0}},
+        "combine_advantages": {"run": None, "rollout": None, "streams": {"reward": torch.ones(4, 2)}},
+        "shape_reward": {"run": None, "step": types.SimpleNamespace(reward=torch.ones(2))},
+        "update_auxiliary": {"run": None, "rollout": None},
+    }
+    getattr(hooks.hook, hook)(**given[hook])
+    (mistake,) = watch.mistakes
+    assert (mistake.promise, mistake.hook) == (promise, hook)
+    assert mistake.text == f"{hook} (filled by bad) {text}"
+    (call,) = watch.calls
+    assert (call.hook, call.plugins, call.within) == (hook, ("bad",), ())
+
+
+@pytest.mark.parametrize(("name", "address", "text"), WATCHED)
+def test_what_the_watched_run_finds(tmp_path: Path, name: str, address: str, text: str) -> None:
+    with pytest.raises(ContractError) as caught:
+        watched_run(subject(name), tmp_path / "r")
+    says(caught, address, text)
+
+
+def test_a_hook_that_is_never_called(tmp_path: Path) -> None:
+    bad = subject("FillsWhatNobodyCalls", hookspecs=broken_methods.__name__)
+    run = watched_run(bad, tmp_path / "r")
+    with pytest.raises(ContractError) as caught:
+        check_calls(bad, run)
+    says(caught, "hooks.md#hooks-of-your-own", "bad_hook is filled but was never called")
+
+
+def test_a_call_out_of_order_is_told() -> None:
+    fillers = {"shape_reward": ["a"], "update_auxiliary": ["a", "b"], "filter_observation": ["b"]}
+    calls = expected_calls(fillers, rollouts=1, steps=2)
+    look = ["filter_observation of b"] * 2
+    step = ["shape_reward", *look]
+    assert calls == [*look, *step, *step, "update_auxiliary of a", "update_auxiliary of b"]
+    assert first_difference(calls, calls) is None
+    assert first_difference(calls[:-1], calls) == len(calls) - 1
+    assert first_difference([*calls[:-2], calls[-1], calls[-2]], calls) == len(calls) - 2
+
+
+@pytest.mark.slow
+def test_a_run_with_a_call_too_many(tmp_path: Path) -> None:
+    bad = find("apl", (), None, "toy-pursuit")
+    run = watched_run(bad, tmp_path / "r")
+    run.watch.calls.insert(3, Call("finish_rollout", ("apl",)))
+    with pytest.raises(
+        ContractError, match="call 4 of the run was finish_rollout, promised was shape_reward"
+    ):
+        check_calls(bad, run)
+
+
+def test_a_seed_that_does_not_decide(tmp_path: Path) -> None:
+    bad = subject("RemembersRuns")
+    with pytest.raises(ContractError) as caught:
+        check_same_seed(bad, watched_run(bad, tmp_path / "r"), tmp_path / "again")
+    says(caught, "testing.md#seeds", "two runs of one seed differ in ")
+
+
+def test_a_seed_that_is_not_heard() -> None:
+    with pytest.raises(ContractError) as caught:
+        check_other_seed(subject("SeedsTorch"))
+    says(caught, "testing.md#seeds", "seeds 0 and 1 begin with the same policy")
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("ForgetsItsCount", "after a resume these differ: "),
+        pytest.param(
+            "ForgetsForTheLog",
+            "after a resume these metrics differ: bad/count",
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_a_state_that_lacks_something(tmp_path: Path, name: str, text: str) -> None:
+    bad = subject(name)
+    with pytest.raises(ContractError) as caught:
+        check_resume(bad, watched_run(bad, tmp_path / "r"), tmp_path / "resumed")
+    says(caught, "testing.md#resume", text)
+
+
+@pytest.mark.parametrize(
+    ("name", "address", "text"),
+    [
+        ("CarriesOver", "testing.md#without-a-run", "a new game depends on the game before it"),
+        ("RefusesTheBlind", "hooks.md#extend_observation", "ValueError: all opponents are alike"),
+    ],
+)
+def test_an_adversary_that_cannot_play(tmp_path: Path, name: str, address: str, text: str) -> None:
+    bad = subject(name)
+    with pytest.raises(ContractError) as caught:
+        check_playing(bad, watched_run(bad, tmp_path / "r"))
+    says(caught, address, text)
+
+
+@pytest.mark.parametrize(
+    ("name", "title", "text"),
+    [
+        ("NormalisesOverGames", "One game", "'z' must be finite, got NaN"),
+        ("CountsOn32Games", "Many games", "must match the size of tensor"),
+    ],
+)
+def test_a_number_of_games_it_did_not_expect(tmp_path: Path, name: str, title: str, text: str) -> None:
+    with pytest.raises(ContractError) as caught:
+        check_sizes(subject(name), tmp_path)
+    says(caught, "hooks.md#shape_reward", text)
+    assert caught.value.promise.title == title
+
+
+@pytest.mark.parametrize(
+    ("name", "address", "text"),
+    [
+        ("DropsOthers", "hooks.md#shape_reward", "shape_reward: what another plugin answers is lost"),
+        ("CountsOnOneStream", "hooks.md#combine_advantages", "too many values to unpack"),
+    ],
+)
+def test_bad_company(tmp_path: Path, name: str, address: str, text: str) -> None:
+    with pytest.raises(ContractError) as caught:
+        check_company(subject(name), tmp_path / "r")
+    says(caught, address, text)
+    assert caught.value.promise.title == "Company"
