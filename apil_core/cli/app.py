@@ -34,6 +34,7 @@ _VERBS = (
         _WORK,
         "Measure attacks over methods, games and seeds; and how fast everything is.",
     ),
+    ("new", "new:app", _WORK, "Write a plugin package of one's own: an attack method, a game or a victim."),
     ("config", "config:app", _WORK, "Show, validate, describe and compare configurations."),
     ("victims", "victims:app", _WORK, "List, check, import and download victims."),
     ("methods", "offers:methods", _LOOK, "Attack methods there are."),

@@ -14,6 +14,7 @@ VERBS = (
         "retrain",
         "distill",
         "export",
+        "new",
         "config",
         "victims",
         "methods",

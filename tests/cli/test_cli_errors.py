@@ -19,7 +19,7 @@ WRONG = {
     ): "Invalid value for --steps: '1.5' is not a whole number (see: apil run --help)",
     ("run", "--seeds", "3..1"): "Invalid value for --seeds: '3..1' names no seed, or one twice",
     ("run", "--method", "e_apill", "--env", "coin", "--plugin", str(COIN)): (
-        "--method e_apill: unknown method 'e_apill' (did you mean 'e_apil'? known: adrl, apil, apl, e_apil)"
+        "--method e_apill: unknown method 'e_apill' (did you mean 'e_apil'? known: adrl, "
     ),
     ("run", "--env", "coim", "--plugin", str(COIN)): "--env coim: unknown game 'coim' (did you mean 'coin'?",
     ("run", "--preset", "papper"): "unknown preset 'papper' (did you mean 'paper'?",

@@ -40,6 +40,7 @@ print([name for name in ("torch", "mujoco", "statsmodels", "tensordict") if name
         ["retrain", "--help"],
         ["victims", "check", "--help"],
         ["bench", "speed", "--help"],
+        ["new", "victim", "--help"],
         ["config", "diff", "paper", "apil-code"],
         ["config", "show", "--method", "e_apil", "--env", "coin", "--plugin", str(COIN)],
         ["config", "schema"],
@@ -88,6 +89,7 @@ def test_run_help_shows_every_flag_with_the_codes_defaults(apil: Apil) -> None:
         *("resume", "eval", "play", "fidelity", "runs", "runs compare", "victims import", "config diff"),
         *("doctor", "bench", "bench speed", "bench run", "bench report"),
         *("retrain", "crossplay", "analyze", "analyze activations"),
+        *("new", "new method", "new game", "new victim"),
     ],
 )
 def test_every_verb_has_help(apil: Apil, verb: str) -> None:

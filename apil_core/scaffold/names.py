@@ -1,0 +1,126 @@
+"""The names of a new plugin: as typed, as Python wants it, and as APIL calls it."""
+
+from __future__ import annotations
+
+import importlib.util
+import keyword
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+from apil_core.errors import ConfigError
+from apil_core.plugins import PluginRegistry
+
+Kind = Literal["method", "game", "victim"]
+
+LONGEST = 30
+"""Characters of a name, so that no line of the templates outgrows its width."""
+
+_WORD = re.compile(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*")
+
+
+@dataclass(frozen=True)
+class Names:
+    """What one name becomes; ``my-attack`` and ``my_attack`` become the same.
+
+    Attributes:
+        kind: of plugin.
+        typed: as the user typed it; the directory is called so.
+    """
+
+    kind: Kind
+    typed: str
+
+    @property
+    def slug(self) -> str:
+        """With hyphens, ``my-attack``: games and victims, and the distribution ``apil-my-attack``."""
+        return self.typed.replace("_", "-")
+
+    @property
+    def identifier(self) -> str:
+        """With underscores, ``my_attack``: methods, and the plugin itself."""
+        return self.typed.replace("-", "_")
+
+    @property
+    def registered(self) -> str:
+        """What ``--method`` or ``--env`` takes, or the scheme of a victim: spelt as the built-in ones are."""
+        return self.identifier if self.kind == "method" else self.slug
+
+    @property
+    def package(self) -> str:
+        """The Python package, ``apil_my_attack``."""
+        return f"apil_{self.identifier}"
+
+    @property
+    def distribution(self) -> str:
+        """What pip calls it, ``apil-my-attack``."""
+        return f"apil-{self.slug}"
+
+    @property
+    def camel(self) -> str:
+        """Stem of its classes, ``MyAttack``."""
+        return "".join(word.capitalize() for word in self.identifier.split("_"))
+
+
+def new_names(kind: Kind, typed: str, plugins: PluginRegistry) -> Names:
+    """The names of a new plugin, free of what Python and the installed plugins use.
+
+    Raises:
+        ConfigError: the name is none, or taken; says by what.
+    """
+    if not _WORD.fullmatch(typed):
+        raise ConfigError(
+            f"{typed!r} is no name for a plugin: small letters, digits and single hyphens, "
+            f"beginning with a letter, e.g. {_like(typed, kind)!r}"
+        )
+    if len(typed) > LONGEST:
+        raise ConfigError(f"{typed!r} is {len(typed)} characters long; a plugin's name has at most {LONGEST}")
+    names = Names(kind, typed)
+    _check_offers(names, plugins)
+    _check_python(names)
+    return names
+
+
+def _like(typed: str, kind: Kind) -> str:
+    """A name that would do and looks like what was typed."""
+    apart = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", typed).lower()
+    word = re.sub(r"[^a-z0-9]+", "-", apart).strip("-0123456789")[:LONGEST].rstrip("-")
+    return word if _WORD.fullmatch(word) and not keyword.iskeyword(word) else f"my-{kind}"
+
+
+def _check_python(names: Names) -> None:
+    if keyword.iskeyword(names.identifier):
+        raise ConfigError(f"{names.typed!r} is a word of Python's own; try 'my-{names.slug}'")
+    for module in (names.package, names.identifier):
+        if _importable(module):
+            raise ConfigError(
+                f"{names.typed!r}: a Python module {module!r} exists here already; try 'my-{names.slug}'"
+            )
+
+
+def _importable(module: str) -> bool:
+    """Whether there is a module of that name; a mere directory, which Python would take too, is none."""
+    try:
+        spec = importlib.util.find_spec(module)
+    except ValueError:  # of something imported without a spec
+        return True
+    return spec is not None and spec.origin is not None
+
+
+def _check_offers(names: Names, plugins: PluginRegistry) -> None:
+    """Nothing there may be called so, however its words are joined."""
+    taken: dict[str, Iterable[str]] = {
+        "method": plugins.methods,
+        "game": plugins.games,
+        "victim": plugins.policies,
+        "plugin": [record.name for record in plugins.records],
+    }
+    own: tuple[str, ...] = (names.kind, "plugin")
+    if names.kind == "game":
+        own = (*own, "victim")  # a game brings a victim, under the same name
+    for kind in own:
+        for name in taken[kind]:
+            if name.replace("-", "_") == names.identifier:
+                what = {"victim": "victim scheme"}.get(kind, kind)
+                raise ConfigError(f"a {what} named {name!r} exists already; try 'my-{names.slug}'")

@@ -1,0 +1,54 @@
+"""The seat a new victim is for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from apil_core.errors import UnknownNameError
+from apil_core.game import SideLayout
+from apil_core.plugins import PluginRegistry
+from apil_core.registry import game_spec, make_game
+
+
+@dataclass(frozen=True)
+class Seat:
+    """One side of one game.
+
+    Attributes:
+        env: the game.
+        side: what it sees and does.
+        index: 0 or 1.
+        attacked: whether that side is attacked by default.
+        rival: the game's default victim, if that sits here, else empty.
+    """
+
+    env: str
+    side: SideLayout
+    index: int
+    attacked: bool
+    rival: str
+
+    @property
+    def hand_made(self) -> bool:
+        """Whether the template has weights that play: of toy-pursuit's evader only."""
+        return (self.env, self.side.name) == ("toy-pursuit", "evader")
+
+
+def find_seat(env: str, side: str | None, plugins: PluginRegistry) -> Seat:
+    """The named side of a game, or the attacked one.
+
+    Raises:
+        UnknownNameError: there is no such game, or it has no such side.
+    """
+    spec = game_spec(env, plugins)
+    game = make_game(env, num_envs=1, plugins=plugins)
+    try:
+        sides = game.layout.sides
+    finally:
+        game.close()
+    names = [one.name for one in sides]
+    if side is not None and side not in names:
+        raise UnknownNameError(f"side of {env}", side, names)
+    index = spec.victim_side if side is None else names.index(side)
+    attacked = index == spec.victim_side
+    return Seat(env, sides[index], index, attacked, "auto" if attacked and spec.default_victim else "")
