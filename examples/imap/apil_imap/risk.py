@@ -1,0 +1,30 @@
+"""Distance of a state to the one its game began with (IMAP's R, as its code has it)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def openings(states: Tensor, first: Tensor, carried: Tensor | None) -> Tensor:
+    """The state each game opened with.
+
+    Args:
+        states: shape (T, n, o).
+        first: shape (T, n), bool, true where a state opens a game.
+        carried: opening states (n, o) of the games under way; ``None``: their first state in ``states``.
+
+    Returns:
+        shape (T, n, o).
+    """
+    opening = states[0] if carried is None else carried
+    result = torch.empty_like(states)
+    for t in range(len(states)):
+        opening = torch.where(first[t].unsqueeze(-1), states[t], opening)
+        result[t] = opening
+    return result
+
+
+def closeness(states: Tensor, targets: Tensor) -> Tensor:
+    """Minus the Euclidean distance, (…, o) × 2 → (…,)."""
+    return -torch.linalg.vector_norm(states - targets, dim=-1)
