@@ -6,14 +6,16 @@ ZOO ?=
 STEPS ?= 400k
 BIN := $(VENV)/bin
 SOURCES := apil_core envs plugins examples tests benchmarks docs
+# Example plugins as anybody else's: packages of their own, installed beside the core.
+EXAMPLES := $(patsubst %/pyproject.toml,%,$(wildcard examples/*/pyproject.toml))
 
-.PHONY: run test test-slow check check-pythons format clean
+.PHONY: run test test-slow test-templates check docs check-pythons format clean
 
 # The environment is rebuilt whenever its inputs change.
-$(VENV)/.ready: pyproject.toml constraints.txt
+$(VENV)/.ready: pyproject.toml constraints.txt $(EXAMPLES:%=%/pyproject.toml)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "APIL needs Python 3.11 or newer, $(PYTHON) is " + sys.version.split()[0] + ": make PYTHON=python3.11")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]'
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]' $(EXAMPLES:%=-e %)
 	@touch $@
 
 # Main job: E-APIL against the kicker, its score, its learning curve and a film of a game it wins. The kicker is
@@ -29,10 +31,18 @@ test: $(VENV)/.ready
 test-slow: $(VENV)/.ready
 	$(BIN)/python -m pytest -m slow $(FLAGS)
 
+# What `apil new` writes, installed into a fresh environment, tested and run there.
+test-templates: $(VENV)/.ready
+	$(BIN)/python -m pytest -m slow tests/scaffold $(FLAGS)
+
 check: $(VENV)/.ready
 	$(BIN)/ruff format --check $(SOURCES)
 	$(BIN)/ruff check $(SOURCES)
 	$(BIN)/mypy
+
+# The documentation site, into site/; any broken link or missing page is an error. `python -m http.server -d site` shows it.
+docs: $(VENV)/.ready
+	$(BIN)/python docs/site/build_site.py $(FLAGS)
 
 # Whether all that is needed exists as wheels for every Python we name; installs only the tool that asks, uv.
 check-pythons: $(VENV)/.ready

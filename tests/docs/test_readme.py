@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -36,7 +37,10 @@ TINY = (
     *("--set", "ppo.num_steps=16", "--set", "evaluation.episodes=4"),
 )
 
-GROUPS = (("runs",), ("config",), ("victims",), ("bench",), ("analyze",))
+GROUPS = (("runs",), ("config",), ("victims",), ("bench",), ("analyze",), ("new",))
+
+HELP: dict[tuple[str, ...], str] = {}
+"""What ``apil … --help`` prints, asked once for all pages."""
 
 METHOD = """\
 from apil_core import Method, MethodSpec, hookimpl
@@ -129,7 +133,14 @@ def test_what_commands_print_is_what_the_documents_show(apil: Apil, tmp_path: Pa
         for shown in block.text.removeprefix("$ ").split("\n$ "):
             command, _, expected = shown.partition("\n")
             done = apil(*shlex.split(command)[1:])
-            assert _tidy(done.out + done.err) == _tidy(expected), f"{block}: {command}"
+            printed = _tidy(done.out + done.err)
+            assert _fits(printed, _tidy(expected)), f"{block}: {command} prints {printed}"
+
+
+def _fits(printed: list[str], shown: list[str]) -> bool:
+    """Equal, where ``…`` stands for what depends on the machine: a list of installed plugins."""
+    patterns = [re.escape(line).replace("…", ".*") for line in shown]
+    return len(printed) == len(shown) and all(map(re.fullmatch, patterns, printed))
 
 
 def _tidy(text: str) -> list[str]:
@@ -139,10 +150,15 @@ def _tidy(text: str) -> list[str]:
 # --- commands and flags
 
 
+def help_of(apil: Apil, *chain: str) -> str:
+    if chain not in HELP:
+        HELP[chain] = apil(*chain, "--help").out
+    return HELP[chain]
+
+
 @pytest.mark.parametrize("page", pages(), ids=name_of)
 def test_every_command_exists_and_has_the_flags_shown(apil: Apil, page: Path) -> None:
     app = make_app()
-    helps: dict[tuple[str, ...], str] = {}
     for words in commands(page):
         if words[0].startswith("-"):
             continue
@@ -151,9 +167,7 @@ def test_every_command_exists_and_has_the_flags_shown(apil: Apil, page: Path) ->
         exists = chain and not misses_sub_verb
         assert exists, f"apil {' '.join(words)}: there is no such verb"
         for flag in (word.split("=")[0] for word in rest if word.startswith("--")):
-            key = tuple(chain)
-            helps[key] = helps.get(key) or apil(*chain, "--help").out
-            assert f"{flag} " in helps[key], f"apil {' '.join(words)}: no flag {flag}"
+            assert f"{flag} " in help_of(apil, *chain), f"apil {' '.join(words)}: no flag {flag}"
 
 
 def test_the_readme_names_every_verb(apil: Apil) -> None:
@@ -185,10 +199,11 @@ def test_flags_named_alone_belong_to_some_verb(apil: Apil, page: Path) -> None:
         "retrain",
         "crossplay",
         "analyze activations",
+        "new victim",
     )
-    text = apil("--help").out + "".join(apil(*verb.split(), "--help").out for verb in verbs)
     for span in spans(page):
         if span.startswith("--"):
+            text = "".join(help_of(apil, *verb.split()) for verb in ("", *verbs))
             assert f"{span.split()[0].split('=')[0]} " in text, f"{span}: no verb has this flag"
 
 
@@ -213,7 +228,8 @@ def test_relative_links_lead_somewhere(page: Path) -> None:
         path, _, anchor = target.partition("#")
         file = Path(os.path.normpath(page.parent / path)) if path else page
         assert file.exists(), f"{target}: no such file"
-        assert not anchor or anchor in anchors(file), f"{target}: no such heading"
+        if file.suffix != ".svg":  # a picture's fragment says for which colours it is
+            assert not anchor or anchor in anchors(file), f"{target}: no such heading"
 
 
 def test_every_page_of_docs_is_in_the_index_and_that_in_the_readme() -> None:
@@ -266,7 +282,10 @@ def test_every_method_has_its_page() -> None:
     from apil_core.plugins import discover
 
     for name in discover().methods:
-        assert f"plugins/{name}/README.md" in prose(README)
+        if (ROOT / "plugins" / name).is_dir():
+            assert f"plugins/{name}/README.md" in prose(README)
+        else:  # installed from examples/
+            assert f"../examples/{name}/README.md" in prose(ROOT / "docs" / "README.md")
 
 
 @pytest.mark.parametrize("name", ["apl", "apil", "e_apil"])
