@@ -44,6 +44,7 @@ def labels(document: CrossPlay) -> list[str]:
     return [player.label for player in document.adversaries]
 
 
+@pytest.mark.slow
 def test_cross_play_keeps_up_with_its_matrix(tmp_path: Path) -> None:
     first = run(tmp_path)
     assert labels(first) == ["adrl"]

@@ -127,7 +127,7 @@ def test_shipped_matrices_resolve():
 
 def test_a_stored_matrix_comes_back_equal(tmp_path: Path):
     bench = BenchDir(tmp_path / "b")
-    matrix = resolve_matrix(load_matrix("quick")).matrix
+    matrix = resolve_matrix(load_matrix("smoke")).matrix
     bench.write_matrix(matrix)
     assert bench.matrix() == matrix
     assert [c.name for c in bench.cells()] == names(matrix)

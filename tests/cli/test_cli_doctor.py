@@ -39,9 +39,12 @@ def test_on_this_machine_nothing_keeps_a_run_from_working(apil: Apil, tmp_path: 
     for part in (*parts, "game: kick-and-defend", "victims: kick-and-defend", "victims: coin"):
         assert part in found
     assert found["disk: runs"]["detail"].startswith(f"{tmp_path / 'runs'}: ")
-    assert list(tmp_path.iterdir()) == [broken]
+    # torch's own, if this process has not imported it before the temporary directory was set
+    left = [path for path in tmp_path.iterdir() if not path.name.startswith("torchinductor_")]
+    assert left == [broken]
 
 
+@pytest.mark.slow
 def test_a_place_where_no_run_can_be_written_is_an_error(apil: Apil) -> None:
     os.chdir("/proc")  # the fixture goes back; not even root may write there
     done = apil("doctor", "--quick")

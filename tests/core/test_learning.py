@@ -24,7 +24,7 @@ def learning_config(method, steps):
     )
 
 
-_SLOW = ("adrl", "apl")  # the others are these, and more
+_SLOW = ("adrl", "apl", "apil")  # E-APIL is all of these, and more
 
 
 @pytest.mark.parametrize(
