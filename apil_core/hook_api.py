@@ -101,7 +101,7 @@ def version_in_source(place: str | Path) -> int | None:
             found = importlib.util.find_spec(place)
             place = Path((found and found.origin) or "")
         statements = ast.parse(place.read_bytes()).body
-    except (ImportError, OSError, SyntaxError, ValueError, AttributeError):
+    except (Exception, SystemExit):  # looking for a module imports its package, which may raise anything
         return None
     for statement in statements:
         if isinstance(statement, (ast.Assign, ast.AnnAssign)) and isinstance(statement.value, ast.Constant):

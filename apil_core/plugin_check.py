@@ -90,8 +90,16 @@ def _method(registry: PluginRegistry, name: str) -> list[str]:
         options_model(spec.config, f"method {name!r}")
     made = _looked_at(spec)
     if made is None:
-        return [f"method {name!r}: {spec.factory} is no class: its run hooks show in a run only"]
-    return [f"method {note.removeprefix('plugin ')}" for note in RunHookManager(chain, {name: made}).notes()]
+        return [
+            f"method {name!r}: {spec.factory} cannot be made without a run: its run hooks show in one only"
+        ]
+    try:
+        notes = RunHookManager(chain, {name: made}).notes()
+    except AttributeError:  # a torch module, say, which cannot be looked at before it is initialised
+        return [
+            f"method {name!r}: {spec.factory} cannot be looked at unbuilt: its run hooks show in a run only"
+        ]
+    return [f"method {note.removeprefix('plugin ')}" for note in notes]
 
 
 def _looked_at(spec: MethodSpec) -> Method | None:
@@ -105,7 +113,10 @@ def _looked_at(spec: MethodSpec) -> Method | None:
         )
     if not issubclass(factory, Method):
         raise PluginError(f"plugin {spec.name!r}: {spec.factory} must be a Method, got {factory.__name__}")
-    made: Method = factory.__new__(factory)
+    try:
+        made: Method = factory.__new__(factory)
+    except TypeError:  # it wants arguments
+        return None
     return made
 
 

@@ -67,7 +67,7 @@ def facts(spec: FunctionType) -> Iterator[tuple[str, str]]:
     yield "when", _plain(re.search(r"^When: (.*?)(?:\n\n|\Z)", _text(spec), re.DOTALL | re.MULTILINE)[1])
     for parameter in said.params:
         yield f"`{parameter.arg_name}`", _plain(parameter.description)
-    yield "returns", _plain(said.returns.description) if said.returns else "nothing"
+    yield "returns", _plain(_answer(said)) if said.returns else "nothing"
     if spec.apil_spec["firstresult"]:
         yield "several answers", "*firstresult*: the first that is not `None` counts"
     elif said.returns and str(inspect.signature(spec).return_annotation).startswith("dict"):
@@ -81,6 +81,12 @@ def facts(spec: FunctionType) -> Iterator[tuple[str, str]]:
             f"`{argument}` deprecated",
             f"since hook API {end.since}, gone in {end.removed_in}: {end.instead}",
         )
+
+
+def _answer(said: docstring_parser.Docstring) -> str:
+    """What stands under ``Returns:``; the parser takes what is before a colon, as in a dict, for a type."""
+    kind, text = said.returns.type_name, said.returns.description or ""
+    return f"{kind}: {text}" if kind else text
 
 
 def _text(spec: FunctionType) -> str:

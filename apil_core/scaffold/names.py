@@ -90,6 +90,8 @@ def _like(typed: str, kind: Kind) -> str:
 
 
 def _check_python(names: Names) -> None:
+    if names.identifier in ("null", "true", "false"):
+        raise ConfigError(f"{names.typed!r} is a word of YAML's own; try 'my-{names.slug}'")
     if keyword.iskeyword(names.identifier):
         raise ConfigError(f"{names.typed!r} is a word of Python's own; try 'my-{names.slug}'")
     for module in (names.package, names.identifier):

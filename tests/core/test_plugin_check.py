@@ -23,7 +23,7 @@ from apil_core.hooks import PROJECT
 from apil_core.hookspecs import RunHooks
 from apil_core.method_state import unstorable
 from apil_core.plugin_check import check_plugins
-from apil_core.plugins import discover
+from apil_core.plugins import PluginRecord, PluginRegistry, discover
 from apil_core.registry import default_plugins
 from apil_core.run_hooks import RunHookManager
 from apil_core.trainer import Trainer
@@ -97,6 +97,13 @@ def test_hooks_opened_by_what_is_required_are_known(checked):
     report = checked(offering('"m", "looked_at:Made", requires=("apil",)', body))["looked_at"]
     assert report.broken == ()
     assert report.remarks == ("states no hook API version: add APIL_HOOK_API = 1 beside its hooks",)
+
+
+def test_a_method_that_is_a_torch_module_does_not_stop_the_check(checked):
+    source = offering('"m", "looked_at:Both"') + "import torch\nclass Both(torch.nn.Module, Method): pass\n"
+    report = checked(source)["looked_at"]
+    assert report.broken == ()
+    assert any("its run hooks show in" in remark for remark in report.remarks)
 
 
 def test_the_verb_tells_broken_ones_by_its_exit_code(tmp_path, monkeypatch, capsys):
@@ -274,3 +281,16 @@ Pair = namedtuple("Pair", "a b")
 )
 def test_what_a_checkpoint_cannot_hold_is_found(state, where):
     assert unstorable(state, "s") == where
+
+
+@pytest.mark.parametrize("crash", ["raise RuntimeError('no GL')", "1 / 0", "raise SystemExit(3)"])
+def test_a_package_that_crashes_while_its_plugin_is_looked_for_hides_no_other(tmp_path, monkeypatch, crash):
+    package = tmp_path / "crashing_package"
+    package.mkdir()
+    (package / "__init__.py").write_text(crash)
+    (package / "plugin.py").write_text("APIL_HOOK_API = 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    registry = PluginRegistry()
+    record = PluginRecord("bad", "1", "entry point crashing_package.plugin")
+    registry.add_failure(record, RuntimeError("no GL"), "crashing_package.plugin")
+    assert record.error == "RuntimeError: no GL"

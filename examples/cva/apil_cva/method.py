@@ -34,19 +34,22 @@ class Looked:
         states: the surrogate's normalised input, (T, n, s).
         inputs: of the random networks, (T, n, i).
         values: V̂_ν(s_t), (T, n).
-        next_value: V̂_ν after the last step, (n,).
         fresh: the input statistics already hold this rollout, the first one.
         bonus: mean of the raw bonus.
-        returns: the surrogate's targets, (T, n); known once the victim's advantages are.
+        victim_advantages: Â_ν, (T, n).
     """
 
     states: Tensor
     inputs: Tensor
     values: Tensor
-    next_value: Tensor
     fresh: bool
+    victim_advantages: Tensor
     bonus: float = 0.0
-    returns: Tensor | None = None
+
+    @property
+    def returns(self) -> Tensor:
+        """The surrogate's targets, (T, n)."""
+        return self.victim_advantages + self.values
 
 
 class Cva(Method):
@@ -80,10 +83,9 @@ class Cva(Method):
     def combine_advantages(self, run: Run, rollout: Rollout, streams: dict[str, Tensor]) -> Tensor | None:
         """norm(Â_α) − w · norm(Â_ν) + β · norm(Â_c), each normalised over the rollout, (T, n)."""
         assert self.looked is not None
-        victim = self._victim_advantages(rollout, self.looked)
         return (
             normalize_advantages(streams["reward"])
-            - self.options.victim_weight * normalize_advantages(victim)
+            - self.options.victim_weight * normalize_advantages(self.looked.victim_advantages)
             + self.options.curiosity_weight * normalize_advantages(streams[STREAM])
         )
 
@@ -92,7 +94,6 @@ class Cva(Method):
         """Train the predictor and the surrogate on this rollout, then take in its statistics."""
         looked, self.looked = self.looked, None
         assert looked is not None
-        assert looked.returns is not None
         parts = run.config.ppo.minibatches
         metrics = {
             "bonus": looked.bonus,
@@ -125,21 +126,19 @@ class Cva(Method):
             inputs = states
         else:
             inputs = self.sights[watched](_seen(watched, rollout.observation, rollout.victim_observation))
-        return Looked(states, inputs, values, next_value, fresh)
+        return Looked(states, inputs, values, fresh, self._victim_advantages(rollout, values, next_value))
 
-    def _victim_advantages(self, rollout: Rollout, looked: Looked) -> Tensor:
-        """GAE of r^ν against the surrogate's values, (T, n); also sets the surrogate's targets."""
+    def _victim_advantages(self, rollout: Rollout, values: Tensor, next_value: Tensor) -> Tensor:
+        """GAE of r^ν against the surrogate's values (T, n) and (n,); (T, n)."""
         ppo = self.setup.ppo
-        advantages = gae(
+        return gae(
             rollout.normalized_victim_reward,
-            looked.values,
-            looked.next_value,
+            values,
+            next_value,
             rollout.done,
             gamma=ppo.gamma,
             lam=ppo.lam,
         )
-        looked.returns = advantages + looked.values
-        return advantages
 
     def _take_in(self, rollout: Rollout) -> None:
         for sight, normalizer in self.sights.items():

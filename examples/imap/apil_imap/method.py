@@ -94,7 +94,7 @@ class Imap(Method):
         weighting = self.weighting
         metrics = {
             **self._metrics,
-            "objective": float(weighting.last),
+            "objective": weighting.last or 0.0,
             "multiplier": float(weighting.multiplier),
             "temperature": weighting.weight,
         }
@@ -174,7 +174,7 @@ class Imap(Method):
         state: dict[str, Any] = {
             "features": {side: features.state_dict() for side, features in self.features.items()},
             "reservoir": self.reservoir.state_dict() if self.options.bonus == "policy_coverage" else {},
-            "weighting": self.weighting.state_dict(),
+            "weighting": self.weighting.training_state(),
             "scale": None if self.scale is None else self.scale.state_dict(),
             "mimic": None if self.mimic is None else self.mimic.training_state(),
             "opening": self._opening,
@@ -188,7 +188,7 @@ class Imap(Method):
         for side, features in self.features.items():
             features.load_state_dict(state["features"][side])
         self.reservoir.load_state_dict(state["reservoir"], device)
-        self.weighting.load_state_dict(state["weighting"])
+        self.weighting.load_training_state(state["weighting"])
         if state["scale"] is not None:
             games = len(state["scale"]["returns"])
             self.scale = ReturnNormalizer(games, self.setup.ppo.gamma, clip=float("inf")).to(device)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor, nn
 
@@ -27,33 +29,41 @@ def temperature(tau: float, multiplier: float) -> float:
 
 
 class BiasReduction(nn.Module):
-    """λ from iteration to iteration. Its numbers are buffers, so that several processes agree on them.
+    """λ from iteration to iteration.
+
+    λ is a buffer, so that several processes agree on it. The last objective is each process's own:
+    they end enough games in different iterations, and a mean of one's objective and another's zero is no goal.
 
     Args:
         options: IMAP's.
     """
 
     multiplier: Tensor
-    last: Tensor
-    updates: Tensor
 
     def __init__(self, options: ImapConfig):
         super().__init__()
         self.options = options
         self.register_buffer("multiplier", torch.zeros((), dtype=torch.float64))
-        self.register_buffer("last", torch.zeros((), dtype=torch.float64))
-        self.register_buffer("updates", torch.zeros((), dtype=torch.long))
+        self.last: float | None = None
 
     def update(self, objective: float) -> None:
         """Take in this iteration's objective; the first one has nothing to be compared with."""
         options = self.options
-        if self.updates:
+        if self.last is not None:
             ceiling = 1.0 if options.objective == "win_rate" else float("inf")
-            expected = expected_objective(float(self.last), options.expected_growth, ceiling)
+            expected = expected_objective(self.last, options.expected_growth, ceiling)
             step = next_multiplier(float(self.multiplier), objective, expected, options.multiplier_rate)
             self.multiplier.fill_(step)
-        self.last.fill_(objective)
-        self.updates.add_(1)
+        self.last = objective
+
+    def training_state(self) -> dict[str, Any]:
+        """λ and the last objective."""
+        return {"multiplier": float(self.multiplier), "last": self.last}
+
+    def load_training_state(self, state: dict[str, Any]) -> None:
+        """Restore what :meth:`training_state` gave."""
+        self.multiplier.fill_(state["multiplier"])
+        self.last = state["last"]
 
     @property
     def weight(self) -> float:
