@@ -32,7 +32,7 @@ class BiasReduction(nn.Module):
     """λ from iteration to iteration.
 
     λ is a buffer, so that several processes agree on it. The last objective is each process's own:
-    they end enough games in different iterations, and a mean of one's objective and another's zero is no goal.
+    they end enough games in different iterations, and the mean of an objective and a zero is no goal.
 
     Args:
         options: IMAP's.
