@@ -94,6 +94,7 @@ def retraining_curves(curves: Sequence[RetrainingCurve], found: dict[str, Pen]) 
 
 
 def _retraining(curve: RetrainingCurve, measure: str, found: dict[str, Pen]) -> Plot:
+    attack = curve.method if curve.label == curve.method else f"{curve.method} ({curve.label})"
     drawn = [(line.opponent, getattr(line, measure)) for line in curve.lines]
     traces = [
         trace
@@ -105,8 +106,8 @@ def _retraining(curve: RetrainingCurve, measure: str, found: dict[str, Pen]) -> 
     state = "" if curve.steps >= curve.planned_steps else f", {curve.status}"
     return Plot(
         _axes(traces, words, {"range": [0, 102]}, {}),
-        title=f"{curve.game}, hardened against {curve.label}: {MEASURES[measure]}",
-        alt=f"The victim's games in {curve.game} while it is hardened against {curve.label}, "
+        title=f"{curve.game}, hardened against {attack}: {MEASURES[measure]}",
+        alt=f"The victim's games in {curve.game} while it is hardened against {attack}, "
         f"{MEASURES[measure]}; at the end {listing(ends)}.",
         caption=f"{amount(curve.steps)} of {amount(curve.planned_steps)} steps{state}.",
         facets={"game": curve.game, "measure": measure},

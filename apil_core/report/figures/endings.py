@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any
@@ -13,6 +14,9 @@ from apil_core.report.words import percent
 
 SEEING = "seeing adversary"
 """Of scores in which nothing is hidden from it."""
+
+_WIDTH = 380
+"""CSS pixels of a figure's legend where two stand side by side."""
 
 _OUTCOMES = (
     ("adversary wins", "wins", "var(--adversary)", ""),
@@ -63,17 +67,24 @@ def _counted(group: Sequence[Endings], causes: Sequence[str]) -> list[Part]:
             name,
             [ending.causes.get(name, 0) for ending in group],
             f"var(--cause-{i % len(CAUSES)})",
-            PATTERNS[i % len(PATTERNS)],
+            # a colour that comes again has another pattern
+            PATTERNS[(i + i // len(CAUSES)) % len(PATTERNS)],
         )
         for i, name in enumerate(causes)
     ]
 
 
+def _legend_rows(names: Sequence[str]) -> int:
+    """Rows that plotly needs: all entries are as wide as the longest, and with too few the legend scrolls."""
+    entry = 45 + 7 * max(len(name) for name in names)
+    return math.ceil(len(names) / max(1, _WIDTH // entry))
+
+
 def _bars(group: Sequence[Endings], kind: str, parts: Sequence[Part], score: str, setting: str) -> Plot:
-    rows = 1 + len(parts) // 3  # of the legend
+    rows = _legend_rows([part[0] for part in parts])
     figure = spec(
         [_trace(group, part) for part in parts],
-        40 + 30 * len(group) + 24 * rows,
+        40 + 30 * len(group) + 19 * rows,
         x={"range": [0, 100.4], "ticksuffix": " %", "dtick": 25},
         y={"autorange": "reversed", "type": "category", "showgrid": False},
         barmode="stack",
@@ -87,7 +98,7 @@ def _bars(group: Sequence[Endings], kind: str, parts: Sequence[Part], score: str
             "yanchor": "bottom",
             "traceorder": "normal",
         },
-        margin={"l": 70, "r": 24, "t": 6, "b": 26 + 24 * rows},
+        margin={"l": 70, "r": 24, "t": 6, "b": 26 + 19 * rows},
     )
     game = group[0].game
     blinded = f", {score}" if score != SEEING else ""
