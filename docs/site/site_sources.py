@@ -16,7 +16,7 @@ from site_links import outside_code, relative, resolved, rewrite, without_commen
 from site_math import formulas, mathml
 
 ROOT = Path(__file__).resolve().parents[2]
-COPIED = (".png", ".svg", ".css")
+COPIED = (".png", ".svg", ".css", ".html", ".csv")
 """What is copied from docs/ as it is; scripts and data are shown only where a page links to them."""
 MOVED = {
     "README.md": "overview.md",

@@ -242,6 +242,7 @@ def test_a_job_stops_with_a_checkpoint_when_its_supervisor_is_killed(tmp_path: P
     assert run.newest_checkpoint().is_file()
 
 
+@pytest.mark.slow
 def test_a_dry_run_of_a_half_done_benchmark(done: Ledger, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path = written(tmp_path / "m.yaml", small_matrix(methods=["adrl", "apl"], snapshots={"pictures": 2}))
     before = sorted(done.bench.path.rglob("*"))

@@ -60,6 +60,7 @@ def test_trained_fast_and_scored_faithfully(apil: Apil, tmp_path: Path) -> None:
     assert "None" not in told.out
 
 
+@pytest.mark.slow
 def test_runs_of_different_physics_are_not_compared_silently(apil: Apil, tmp_path: Path) -> None:
     for name, flags in (("a", ()), ("b", ("--physics", "fast")), ("c", ("--seed", "1"))):
         assert apil("run", *ANTS, *flags, "--out", f"runs/{name}").code == 0

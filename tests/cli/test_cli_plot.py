@@ -73,6 +73,7 @@ def test_mistakes_are_one_line(apil: Apil, trained: Path, tmp_path: Path, words:
     assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.slow
 def test_no_pyplot_no_screen_and_no_model_is_needed(trained: Path) -> None:
     code = (
         "import sys; from apil_core.cli import main\n"

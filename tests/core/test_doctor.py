@@ -140,6 +140,7 @@ def test_a_game_of_others_is_measured_and_families_are_not() -> None:
     assert "steps/s with 64 games at once" in finding.detail
 
 
+@pytest.mark.slow
 def test_only_the_default_game_is_worth_an_error() -> None:
     found = statuses(list(games.check(only("wild-gone", WILD, quick=True))))
     assert found == {"game: wild-gone": "error"}

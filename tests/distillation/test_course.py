@@ -57,7 +57,9 @@ def test_the_student_comes_close_to_its_teacher_and_is_scored_beside_it(tmp_path
     assert not list((tmp_path / "out").glob("block-*")), "what was played is not needed any more"
 
 
-@pytest.mark.parametrize(("network", "stop_after"), [("mlp", 1), ("lstm", 4)])
+@pytest.mark.parametrize(
+    ("network", "stop_after"), [pytest.param("mlp", 1, marks=pytest.mark.slow), ("lstm", 4)]
+)
 def test_a_stopped_distillation_goes_on_bit_for_bit(tmp_path: Path, network: Any, stop_after: int) -> None:
     whole = distill(config(network=network), out=tmp_path / "whole")
 

@@ -103,7 +103,15 @@ def test_a_change_that_does_not_fit_is_told() -> None:
             changed(text, " a\n-b\n+d\n")
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if page.stem != "quickstart"], ids=name_of)
+_SMALL = [
+    # a game and a victim are written by the tests of `apil new` as well
+    pytest.param(page, id=name_of(page), marks=[] if page.stem == "write-an-attack" else pytest.mark.slow)
+    for page in PAGES
+    if page.stem != "quickstart"
+]
+
+
+@pytest.mark.parametrize("page", _SMALL)
 def test_a_tutorial_works_in_small(
     apil: Apil, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, page: Path
 ) -> None:

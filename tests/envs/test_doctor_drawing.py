@@ -24,6 +24,7 @@ def test_a_backend_works_for_the_doctor_where_it_works_for_the_games(monkeypatch
         assert "libosmesa6" in findings["drawing: osmesa"].remedy
 
 
+@pytest.mark.slow
 def test_an_opengl_that_is_asked_for_but_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
     if gl.works("osmesa"):
         pytest.skip("OSMesa is installed")

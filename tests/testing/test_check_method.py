@@ -219,6 +219,7 @@ def test_a_run_with_a_call_too_many(tmp_path: Path) -> None:
         check_calls(bad, run)
 
 
+@pytest.mark.slow
 def test_a_seed_that_does_not_decide(tmp_path: Path) -> None:
     bad = subject("RemembersRuns")
     with pytest.raises(ContractError) as caught:
@@ -257,6 +258,7 @@ def test_a_state_that_lacks_something(tmp_path: Path, name: str, text: str) -> N
         ("RefusesTheBlind", "hooks.md#extend_observation", "ValueError: all opponents are alike"),
     ],
 )
+@pytest.mark.slow
 def test_an_adversary_that_cannot_play(tmp_path: Path, name: str, address: str, text: str) -> None:
     bad = subject(name)
     with pytest.raises(ContractError) as caught:
