@@ -50,7 +50,7 @@ def _map(matrix: CrossPlayMatrix, measure: str) -> Plot:
         figure,
         title=f"{matrix.game}: {_MEASURES[measure]}, %",
         alt=f"Cross-play in {matrix.game}: {_MEASURES[measure]}. " + " ".join(_words(matrix, shares)),
-        caption=f"{matrix.episodes} games in each field; {matrix.setting}.",
+        caption=f"{matrix.setting}.",
         facets={"game": matrix.game, "measure": measure},
         wide=len(matrix.victims) > _MANY // 2,
     )
