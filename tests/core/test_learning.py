@@ -24,7 +24,7 @@ def learning_config(method, steps):
     )
 
 
-_SLOW = ("adrl", "apl", "apil")  # E-APIL is all of these, and more
+_SLOW = ("apl", "apil", "e_apil")  # half a minute each
 
 
 @pytest.mark.parametrize(

@@ -136,7 +136,7 @@ def alive(marker: str) -> list[int]:
 
 
 @pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="needs /proc")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGKILL])
 def test_no_worker_outlives_its_run(tmp_path: Path, number: signal.Signals) -> None:
     """Ctrl-C goes to the workers too, which must not stop before the iteration is over."""
     (tmp_path / "config.yaml").write_text(dump_yaml(short(steps=1_000_000)))

@@ -39,6 +39,7 @@ class Stop(Exception):  # noqa: N818
     pass
 
 
+@pytest.mark.slow
 def test_the_student_comes_close_to_its_teacher_and_is_scored_beside_it(tmp_path: Path) -> None:
     report = distill(config(steps=8000, final_passes=10, episodes=60), out=tmp_path / "out")
     assert report.action_error.rms_sigma < 0.7 * report.action_error.constant_rms_sigma

@@ -10,6 +10,7 @@ from apil_core.plugins import discover
 from apil_envs import gl
 
 
+@pytest.mark.slow
 def test_a_backend_works_for_the_doctor_where_it_works_for_the_games(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     findings = {finding.check: finding for finding in drawing.check(Scope(discover()))}

@@ -202,7 +202,7 @@ def test_legend_hides_a_method_everywhere_by_keyboard(visit: Visit):
     assert button.get_attribute("aria-pressed") == "false"
     states = """[...new Set(document.querySelector("#figure-curves-1").data
                  .filter((trace) => trace.meta.method === "line-3").map((trace) => trace.visible))]"""
-    assert page.evaluate(states) == [False]
+    visit.until(f"JSON.stringify({states}) === '[false]'")  # drawn anew when the browser says that it is near
     same = page.locator("#diagnostics button.method", has_text="e_apil")
     assert same.get_attribute("aria-pressed") == "false"
     page.keyboard.press("Enter")
