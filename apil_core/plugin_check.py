@@ -89,15 +89,13 @@ def _method(registry: PluginRegistry, name: str) -> list[str]:
     if spec.config is not None:
         options_model(spec.config, f"method {name!r}")
     made = _looked_at(spec)
-    if made is None:
+    try:
+        notes = None if made is None else RunHookManager(chain, {name: made}).notes()
+    except AttributeError:  # a torch module, say, which cannot be looked at before it is initialised
+        notes = None
+    if notes is None:
         return [
             f"method {name!r}: {spec.factory} cannot be made without a run: its run hooks show in one only"
-        ]
-    try:
-        notes = RunHookManager(chain, {name: made}).notes()
-    except AttributeError:  # a torch module, say, which cannot be looked at before it is initialised
-        return [
-            f"method {name!r}: {spec.factory} cannot be looked at unbuilt: its run hooks show in a run only"
         ]
     return [f"method {note.removeprefix('plugin ')}" for note in notes]
 
