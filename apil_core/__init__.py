@@ -26,6 +26,7 @@ _HOMES = {
         "GameSpec",
         "Matchup",
         "MethodSpec",
+        "ObserverSpec",
         "PolicyListing",
         "PolicySpec",
         "PublishedScore",
@@ -37,9 +38,9 @@ _HOMES = {
     "apil_core.views": ("OpponentInsideEnv", "ParallelGameEnv"),
     "apil_core.types": ("Context", "Decision", "DiagonalGaussian", "Rollout", "StepBatch", "View"),
     "apil_core.policy": ("Policy", "PolicyInfo"),
-    "apil_core.method": ("Method", "MethodSetup", "Run"),
+    "apil_core.method": ("Method", "MethodSetup", "Observer", "Run", "RunPlugin"),
     "apil_core.networks": ("GaussianActor", "mlp"),
-    "apil_core.normalize": ("ObservationNormalizer", "ReturnNormalizer"),
+    "apil_core.normalize": ("ObservationNormalizer", "ReturnNormalizer", "RunningMoments"),
     "apil_core.returns": ("gae", "normalize_advantages"),
     "apil_core.config": (
         "CheckpointConfig",
@@ -103,11 +104,14 @@ if TYPE_CHECKING:
     from apil_core.hooks import hookspec as hookspec
     from apil_core.method import Method as Method
     from apil_core.method import MethodSetup as MethodSetup
+    from apil_core.method import Observer as Observer
     from apil_core.method import Run as Run
+    from apil_core.method import RunPlugin as RunPlugin
     from apil_core.networks import GaussianActor as GaussianActor
     from apil_core.networks import mlp as mlp
     from apil_core.normalize import ObservationNormalizer as ObservationNormalizer
     from apil_core.normalize import ReturnNormalizer as ReturnNormalizer
+    from apil_core.normalize import RunningMoments as RunningMoments
     from apil_core.pettingzoo_game.options import PettingZooOptions as PettingZooOptions
     from apil_core.pettingzoo_game.plugin import pettingzoo_spec as pettingzoo_spec
     from apil_core.policy import Policy as Policy
@@ -123,6 +127,7 @@ if TYPE_CHECKING:
     from apil_core.specs import GameSpec as GameSpec
     from apil_core.specs import Matchup as Matchup
     from apil_core.specs import MethodSpec as MethodSpec
+    from apil_core.specs import ObserverSpec as ObserverSpec
     from apil_core.specs import PolicyListing as PolicyListing
     from apil_core.specs import PolicySpec as PolicySpec
     from apil_core.specs import PublishedScore as PublishedScore

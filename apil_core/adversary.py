@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -11,7 +10,7 @@ from torch import Tensor, nn
 
 from apil_core.errors import PluginError
 from apil_core.learner import Actor
-from apil_core.method import Method
+from apil_core.method import RunPlugin
 from apil_core.normalize import ObservationNormalizer
 from apil_core.policy import Policy, PolicyInfo
 from apil_core.run_hooks import RunHookManager, shown
@@ -116,8 +115,8 @@ class AdversaryPolicy(Policy):
         builder: makes the observation; never updated here.
         actor: the policy network.
         context: for whom observations are made; its generator feeds stochastic hooks.
-        hooks: of the methods; what they raise carries their name.
-        methods: whose state belongs to the policy.
+        hooks: of the methods and observers, whose state belongs to the policy; what they raise carries
+            their name.
     """
 
     def __init__(
@@ -127,14 +126,12 @@ class AdversaryPolicy(Policy):
         actor: Actor,
         context: Context,
         hooks: RunHookManager,
-        methods: Mapping[str, Method],
     ):
         self.info = info
         self.builder = builder
         self.actor = actor
         self.context = context
         self.hooks = hooks
-        self.methods = methods
 
     def act(
         self,
@@ -157,10 +154,10 @@ class AdversaryPolicy(Policy):
         self.context.generator.manual_seed(stream_seed(seed, HOOK_STREAM))
 
     def recurrent_state(self) -> dict[str, Any]:
-        """The hooks' generator, and what methods carry along."""
+        """The hooks' generator, and what methods and observers carry along."""
         with self.hooks.attribution():
-            methods = {name: method.state_dict() for name, method in self.methods.items()}
-        return {"generator": self.context.generator.get_state(), "methods": methods}
+            states = {name: plugin.state_dict() for name, plugin in self.hooks.of(RunPlugin).items()}
+        return {"generator": self.context.generator.get_state(), "methods": states}
 
     def load_recurrent_state(self, state: dict[str, Any]) -> None:
         """Restore what :meth:`recurrent_state` gave; nothing else is carried from game to game."""
@@ -168,5 +165,5 @@ class AdversaryPolicy(Policy):
             return
         self.context.generator.set_state(state["generator"].cpu())
         with self.hooks.attribution():
-            for name, method in self.methods.items():
-                method.load_state_dict(state["methods"][name])
+            for name, plugin in self.hooks.of(RunPlugin).items():
+                plugin.load_state_dict(state["methods"][name])

@@ -31,7 +31,7 @@ FORMAT = "apil-adversary-1"
 _ODD = (AttributeError, LookupError, RuntimeError, TypeError, ValueError)
 """What content of another shape than ours causes; too deep JSON is a RuntimeError."""
 
-_PARTS = ("groups", "builder", "methods", "learner")
+_PARTS = ("groups", "builder", "methods", "observers", "learner")
 
 
 def to_bytes(
@@ -48,7 +48,9 @@ def to_bytes(
     """
     actor = {"ppo": {"actor_state_dict": state["learner"]["ppo"]["actor_state_dict"]}}
     tensors: dict[str, Tensor] = {}
-    tree = _take_out({**{part: state[part] for part in _PARTS}, "learner": actor}, "state", tensors)
+    tree = _take_out(
+        {**{part: state[part] for part in _PARTS if part in state}, "learner": actor}, "state", tensors
+    )
     metadata = {
         "format": FORMAT,
         "state": json.dumps(tree),

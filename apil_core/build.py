@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -15,11 +15,11 @@ from apil_core.errors import ConfigError, PluginError
 from apil_core.game import Game, GameLayout
 from apil_core.game_env import AttackEnv
 from apil_core.learner import Actor, Learner
-from apil_core.method import Method, MethodSetup
-from apil_core.method_state import check_states, load_method_states
+from apil_core.method import Method, MethodSetup, Observer, RunPlugin
+from apil_core.plugin_state import check_states, load_known_states, load_states
 from apil_core.plugins import PluginRegistry
 from apil_core.policy import Policy, PolicyInfo
-from apil_core.registry import build_methods, game_spec, make_game
+from apil_core.registry import build_methods, build_observers, game_spec, make_game
 from apil_core.rewards import resolve_weights
 from apil_core.run_hooks import RunHookManager
 from apil_core.seats import pinned, run_victim, victim_side
@@ -71,16 +71,47 @@ def build_hooks(
     """The run's methods and the manager that holds them and the observers."""
     chain = plugins.method_chain(config.method)
     methods = build_methods(chain, config.options, setup)
-    observers: dict[str, Any] = {}
-    for name in config.observers:
-        if name not in plugins.modules:
-            raise ConfigError(f"observers: no working plugin named {name!r}")
+    observers = observing(config, plugins, replace(setup, methods=methods))
+    for name in observers:
         if name in methods:
             raise PluginError(f"observers: {name!r} is already part of method {config.method!r}")
-        observers[name] = plugins.modules[name]
     hooks = manager(chain, {**methods, **observers})
     hooks.device = setup.device
     return methods, hooks
+
+
+def observing(config: RunConfig, plugins: PluginRegistry, setup: MethodSetup) -> dict[str, Any]:
+    """What stands behind ``config.observers``, in that order: new objects, or whole plugin modules.
+
+    Raises:
+        ConfigError: there is none of a name.
+        PluginError: one cannot be built.
+    """
+    known = plugins.observer_names()
+    for name in config.observers:
+        if name not in known:
+            raise ConfigError(f"observers: no working plugin named {name!r}")
+    registered = [plugins.observers[name] for name in config.observers if name in plugins.observers]
+    built = build_observers(registered, config.options, setup)
+    return {name: built[name] if name in built else plugins.modules[name] for name in config.observers}
+
+
+def observing_alone(
+    config: RunConfig, layout: GameLayout, side: int, plugins: PluginRegistry
+) -> RunHookManager | None:
+    """Hooks of ``config.observers`` for a policy that no run trained; ``None`` if there are none.
+
+    Args:
+        side: the adversary's.
+    """
+    if not config.observers:
+        return None
+    setup = method_setup(config, layout, side, torch.device(config.device))
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(config.seed)
+        hooks = RunHookManager((), observing(config, plugins, setup))
+    hooks.device = setup.device
+    return hooks
 
 
 def generators(seed: int, device: torch.device) -> dict[str, torch.Generator]:
@@ -123,7 +154,7 @@ def build(
     config = pinned(config, victim)
     setup = method_setup(config, game.layout, 1 - attacked, device)
     methods, hooks = build_hooks(config, plugins, setup, manager)
-    check_states(methods, plugins.method_chain(config.method), config.options, setup)
+    check_states(hooks.of(RunPlugin), lambda: build_hooks(config, plugins, setup)[1].of(RunPlugin), device)
     builder = ObservationBuilder(hooks, config.ppo.observation_clip)
     streams = generators(seed, device)
     env = AttackEnv(
@@ -191,7 +222,8 @@ def adversary_policy(
     """
     device = torch.device(config.device)
     methods, hooks = build_hooks(config, plugins, method_setup(config, layout, side, device))
-    load_method_states(methods, state["methods"])
+    load_states(methods, state["methods"])
+    load_known_states(hooks.of(Observer), state.get("observers", {}))  # older ones lack the key
     builder = ObservationBuilder(hooks, config.ppo.observation_clip)
     sizes: dict[str, int] = state["groups"]
     builder.add_normalizers(sizes, device)
@@ -199,4 +231,4 @@ def adversary_policy(
     actor = Actor(sizes, layout.sides[side].action_size, config.ppo).to(device)
     actor.model.load_state_dict(state["learner"]["ppo"]["actor_state_dict"])
     context = evaluation_context(layout, side, seed, device)
-    return AdversaryPolicy(info, builder, actor, context, hooks, methods)
+    return AdversaryPolicy(info, builder, actor, context, hooks)

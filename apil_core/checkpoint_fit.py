@@ -39,6 +39,22 @@ def check_same_run(state: dict[str, Any], config: RunConfig, path: Path, keys: I
     check_same_settings(ours, theirs, set(keys) or set(ours) - set(MAY_CHANGE), path)
 
 
+def check_same_policy(state: dict[str, Any], config: RunConfig, path: Path) -> None:
+    """Compare what decides about the adversary's networks; observers need not be those of the training.
+
+    Raises:
+        RunDirError: it differs; names the keys.
+    """
+    methods, stored = state.get("methods", {}), state.get("config", {})
+
+    def of_methods(options: Mapping[str, Any]) -> dict[str, Any]:
+        return {name: section for name, section in options.items() if name in methods}
+
+    theirs = {**stored, "options": of_methods(stored.get("options", {}))}
+    ours = config.model_copy(update={"options": of_methods(config.options)})
+    check_same_run({"config": theirs}, ours, path, POLICY_KEYS)
+
+
 def check_same_settings(
     ours: Mapping[str, Any], theirs: Mapping[str, Any], keys: Iterable[str], path: Path
 ) -> None:

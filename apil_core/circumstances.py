@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from apil_core.config import ActionMode
+from apil_core.observer_options import observers_played
 from apil_core.pairing import Pairing
 from apil_core.policy import PolicyInfo
 
@@ -42,6 +43,8 @@ class Circumstances(BaseModel):
     game_options: dict[str, Any]
     game_settings: dict[str, Any] = {}
     """What the options came to where a physics profile filled them in; scores from before have none."""
+    observers: dict[str, dict[str, Any]] = {}
+    """What was switched on beside the method, a defence of the victim, say, with its options."""
     versions: dict[str, str]
 
     @property
@@ -72,5 +75,6 @@ def circumstances(pairing: Pairing, seed: int) -> dict[str, Any]:
         "trained_steps": pairing.steps,
         "game_options": config.game,
         "game_settings": pairing.game.settings,
+        "observers": observers_played(config),
         "versions": {name: metadata.version(name) for name in (*_PACKAGES, *pairing.game.packages)},
     }

@@ -128,13 +128,13 @@ class RunConfig(Section):
     game: dict[str, Any] = {}
     """Options of the game, checked by the game's own model."""
     options: dict[str, dict[str, Any]] = {}
-    """Options per method, e.g. options.apil.prediction; checked by each plugin's own model."""
+    """Options per method and observer, e.g. options.apil.prediction; checked by each plugin's own model."""
     recorders: tuple[str, ...] = ("jsonl", "tensorboard")
     """Where metrics go."""
     log_rows: Annotated[int, Field(gt=0)] = 10_000
     """Rows of metrics at most, evaluations aside: a run of more iterations merges several into each row."""
     observers: tuple[str, ...] = ()
-    """Further plugins whose run hooks are switched on, in this order."""
+    """Observers, and plugins with run hooks of their own, that are switched on, in this order."""
     plugins: tuple[str, ...] = ()
     """One-file plugins (paths) to load before anything else."""
     init_from: Path | None = None

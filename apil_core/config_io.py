@@ -22,8 +22,8 @@ from apil_core.config_yaml import dump_yaml as dump_yaml
 from apil_core.default_victim import default_victim
 from apil_core.errors import ConfigError, suggest
 from apil_core.game_options import game_model, profile_problems, settled
-from apil_core.plugins import PluginRegistry, names
-from apil_core.specs import GameSpec
+from apil_core.plugins import PluginRegistry
+from apil_core.specs import GameSpec, RunPluginSpec, titled
 
 _IDENTITY = ("version", "method", "env", "victim", "steps", "num_envs", "seed", "reward", "ppo", "options")
 """What every stored config has; a default in its place would silently be another run."""
@@ -88,16 +88,16 @@ def resolve_layers(layers: Sequence[Layer], plugins: PluginRegistry) -> RunConfi
     if "method" in unknown or not isinstance(data["method"], str):
         model: type[RunConfig] = RunConfig
     else:
-        chain = plugins.method_chain(data["method"])
-        used = [spec.name for spec in chain]
+        parts = plugins.run_plugins(data["method"], _texts(data["observers"]))
+        used = [spec.name for spec in parts]
         layers = [layer.without_options(used) if layer.preset else layer for layer in layers]
         env = data["env"] if isinstance(data["env"], str) and "env" not in unknown else None
         layers = layers if env is None else settled(layers, game_model(env, plugins))
         data, origins = merge(base, layers)
         problems += [] if env is None else profile_problems(data, game_model(env, plugins), env)
-        _open_sections(data, [spec.name for spec in chain if spec.config])
-        model = full_model(plugins, chain, env)
-        problems += _foreign_options(data, used, [s.name for s in chain if s.config], plugins)
+        _open_sections(data, [spec.name for spec in parts if spec.config])
+        model = full_model(plugins, parts, env)
+        problems += _foreign_options(data, parts, plugins)
     try:
         validated = model.model_validate(_without_keys(data, problems))
     except ValidationError as error:
@@ -174,7 +174,7 @@ def _unknown_names(data: Mapping[str, Any], plugins: PluginRegistry) -> list[Pro
         "method": ("method", list(plugins.methods)),
         "env": ("game", plugins.game_names()),
         "recorders": ("recorder", list(plugins.recorders)),
-        "observers": ("plugin", names(plugins.records)),
+        "observers": ("observer", plugins.observer_names()),
     }
     problems = []
     for key, (kind, known) in named.items():
@@ -183,16 +183,27 @@ def _unknown_names(data: Mapping[str, Any], plugins: PluginRegistry) -> list[Pro
             fine = plugins.has_game(value) if key == "env" else key != "method" or value in known
             problems += [] if fine else [unknown_name((key,), kind, value, known)]
         elif isinstance(value, (list, tuple)):
-            strangers = [(i, str(name)) for i, name in enumerate(value) if name not in known]
-            problems += [unknown_name((key, i), kind, name, known) for i, name in strangers]
+            for i, name in enumerate(value):
+                if key == "observers" and name in plugins.modules and name not in known:
+                    reason = f"plugin {name!r} fills no run hook: there is nothing to switch on"
+                    problems.append(Problem((key, i), reason))
+                elif name not in known:
+                    problems.append(unknown_name((key, i), kind, str(name), known))
+                elif name in value[:i]:
+                    problems.append(Problem((key, i), f"{name!r} is named twice"))
     device = data["device"]
     if isinstance(device, str) and not re.fullmatch(r"cpu|cuda(:\d+)?", device):
         problems.append(unknown_name(("device",), "device", device, ["cpu", "cuda", "cuda:N"]))
     return problems
 
 
+def _texts(value: Any) -> list[str]:
+    """The texts in what should be a list of them."""
+    return [item for item in value if isinstance(item, str)] if isinstance(value, (list, tuple)) else []
+
+
 def _open_sections(data: dict[str, Any], configurable: Sequence[str]) -> None:
-    """Give every method with options a section, so that its defaults are filled in."""
+    """Give everyone with options a section, so that its defaults are filled in."""
     options = data["options"]
     if isinstance(options, Mapping):
         given = {name: {} if section is None else section for name, section in options.items()}
@@ -200,22 +211,27 @@ def _open_sections(data: dict[str, Any], configurable: Sequence[str]) -> None:
 
 
 def _foreign_options(
-    data: Mapping[str, Any], used: Sequence[str], configurable: Sequence[str], plugins: PluginRegistry
+    data: Mapping[str, Any], parts: Sequence[RunPluginSpec], plugins: PluginRegistry
 ) -> list[Problem]:
     """Option sections that nothing in this run reads."""
     if not isinstance(data["options"], Mapping):
         return []
+    used = {spec.name: spec for spec in parts}
+    readers = ", ".join(spec.name for spec in parts if spec.config) or "none"
     problems = []
     for name in data["options"]:
-        if name in configurable:
-            continue
         if name in used:
-            reason = f"method {name!r} has no options"
+            if used[name].config:
+                continue
+            reason = f"{titled(used[name])} has no options"
         elif name in plugins.methods:
-            readers = ", ".join(configurable) or "none"
-            reason = f"method {data['method']!r} does not use {name!r} (option sections it reads: {readers})"
+            method = data["method"]
+            reason = f"method {method!r} does not use {name!r} (option sections it reads: {readers})"
+        elif name in plugins.observers:
+            reason = f"observer {name!r} is not switched on: name it in observers"
         else:
-            reason = f"unknown method {name!r}{suggest(str(name), plugins.methods)}"
+            known = [*plugins.methods, *plugins.observers]
+            reason = f"unknown method or observer {name!r}{suggest(str(name), known)}"
         problems.append(Problem(("options", name), reason))
     return problems
 

@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field, create_model
 from apil_core.config import RunConfig, Section
 from apil_core.errors import PluginError
 from apil_core.plugins import PluginRegistry
-from apil_core.specs import MethodSpec, load
+from apil_core.specs import RunPluginSpec, load, titled
 
 
 class NoOptions(Section):
@@ -19,19 +19,17 @@ class NoOptions(Section):
 
 
 def full_model(
-    plugins: PluginRegistry, methods: Iterable[MethodSpec], env: str | None = None
+    plugins: PluginRegistry, parts: Iterable[RunPluginSpec], env: str | None = None
 ) -> type[RunConfig]:
-    """``RunConfig`` with ``options`` typed by the methods' models and ``game`` by the game's.
+    """``RunConfig`` with ``options`` typed by the models of methods and observers, ``game`` by the game's.
 
     Args:
         plugins: where the game is looked up.
-        methods: whose options are allowed.
+        parts: methods and observers whose options are allowed.
         env: the game; ``None`` leaves its options untyped.
     """
     sections: Any = {
-        spec.name: (options_model(spec.config, f"method {spec.name!r}"), ...)
-        for spec in methods
-        if spec.config
+        spec.name: (options_model(spec.config, titled(spec)), ...) for spec in parts if spec.config
     }
     fields: Any = {"options": _field("options", create_model("MethodOptions", __base__=Section, **sections))}
     if env is not None:
@@ -59,9 +57,9 @@ def options_model(reference: str, whose: str = "") -> type[BaseModel]:
 
 
 def json_schema(plugins: PluginRegistry, method: str | None = None) -> dict[str, Any]:
-    """JSON Schema of config files: of one method's, or with the options of all methods."""
+    """JSON Schema of config files: of one method's, or with the options of all; of observers in any case."""
     methods = plugins.method_chain(method) if method else plugins.methods.values()
-    model = full_model(plugins, methods)
+    model = full_model(plugins, [*methods, *plugins.observers.values()])
     schema = model.model_json_schema()
     schema.pop("required", None)  # a file may leave out whatever has a default
     for section in schema.get("$defs", {}).values():

@@ -19,11 +19,12 @@ def dump_yaml(config: RunConfig, plugins: PluginRegistry | None = None) -> str:
 
     Args:
         config: to be written; :func:`apil_core.config_io.load_resolved` reads it back equal.
-        plugins: also comments the options of methods and game.
+        plugins: also comments the options of methods, observers and game.
     """
     model: type[BaseModel] = type(config)
     if plugins is not None and config.method in plugins.methods and plugins.has_game(config.env):
-        model = full_model(plugins, plugins.method_chain(config.method), config.env)
+        parts = plugins.run_plugins(config.method, config.observers)
+        model = full_model(plugins, parts, config.env)
     return commented_yaml(config.model_dump(mode="json"), model)
 
 

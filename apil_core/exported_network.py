@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from apil_core.adversary import AdversaryPolicy
 from apil_core.errors import ApilError
 from apil_core.game import SideLayout
+from apil_core.method import RunPlugin
 from apil_core.types import View
 from apil_core.victims.foreign.archive import rebuilt
 from apil_core.victims.foreign.network import SIGNATURE_FILE, Reads, Signature
@@ -34,9 +35,9 @@ class _Whole(nn.Module):
         super().__init__()
         self.actor = policy.actor
         self.normalizers = policy.builder.normalizers
-        # so that tracing knows the methods' weights for weights
-        for name, method in policy.methods.items():
-            for key, part in vars(method).items():
+        # so that tracing knows the plugins' weights for weights
+        for name, plugin in policy.hooks.of(RunPlugin).items():
+            for key, part in vars(plugin).items():
                 if isinstance(part, nn.Module):
                     self.add_module(f"{name}_{key}", part)
         self._policy = policy

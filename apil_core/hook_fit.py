@@ -60,11 +60,16 @@ def deprecated(manager: pluggy.PluginManager, name: str) -> list[str]:
 
 def forgotten(manager: pluggy.PluginManager, name: str) -> list[str]:
     """Hooks the plugin of that name fills that want an answer, but can give none: one line each."""
-    return [
-        f"{hook} has no return with a value, so it changes nothing; if that is meant, annotate it '-> None'"
-        for hook, implementation, spec in _filled(manager, name)
-        if hook not in _MAY_STAY_SILENT and _wants_answer(spec) and not _answers(implementation.function)
-    ]
+    lines = []
+    for hook, implementation, spec in _filled(manager, name):
+        if not _wants_answer(spec) or _answers(implementation):
+            continue
+        if implementation.wrapper:
+            lines.append(f"{hook} is a wrapper without `return`: what the others answered is lost")
+        elif hook not in _MAY_STAY_SILENT:
+            silent = f"{hook} has no return with a value, so it changes nothing"
+            lines.append(f"{silent}; if that is meant, annotate it '-> None'")
+    return lines
 
 
 def unmarked(manager: pluggy.PluginManager, plugin: Any) -> list[str]:
@@ -129,17 +134,20 @@ def _wants_answer(spec: Any) -> bool:
     return inspect.get_annotations(spec).get("return", "None") not in (None, "None")
 
 
-def _answers(function: Any) -> bool:
-    """Whether it yields or returns a value, or says that it does not; true where nobody can tell."""
+def _answers(implementation: pluggy.HookImpl) -> bool:
+    """Whether it returns a value (or yields one, and is no wrapper), or says that it does not.
+
+    True where nobody can tell.
+    """
     try:
-        tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+        tree = ast.parse(textwrap.dedent(inspect.getsource(implementation.function))).body[0]
     except (OSError, TypeError, SyntaxError, IndexError):
         return True
     if not isinstance(tree, (ast.FunctionDef, ast.AsyncFunctionDef)):
         return True  # a lambda always answers
     says_so = isinstance(tree.returns, ast.Constant) and tree.returns.value is None
     answering = (
-        isinstance(node, (ast.Yield, ast.YieldFrom))
+        (isinstance(node, (ast.Yield, ast.YieldFrom)) and not implementation.wrapper)
         or (isinstance(node, ast.Return) and node.value is not None)
         for node in _own_nodes(tree)
     )

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from apil_core.method import Run
-    from apil_core.specs import GameSpec, MethodSpec, PolicySpec, RecorderSpec
+    from apil_core.specs import GameSpec, MethodSpec, ObserverSpec, PolicySpec, RecorderSpec
     from apil_core.types import Context, Rollout, StepBatch, View
 
 
@@ -30,6 +30,16 @@ class ProcessHooks:
 
         Returns:
             a list of :class:`apil_core.MethodSpec`.
+        """
+
+    @hookspec(since=1)
+    def register_observers(self) -> list[ObserverSpec]:  # type: ignore[empty-body]
+        """Offer observers with options or a state of their own, such as defences.
+
+        When: once per process, when plugins are discovered.
+
+        Returns:
+            a list of :class:`apil_core.ObserverSpec`.
         """
 
     @hookspec(since=1)

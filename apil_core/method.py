@@ -1,4 +1,4 @@
-"""What an attack method is made of: the base class, and the run it meets in its hooks."""
+"""What methods and observers are made of: their base classes, and the run they meet in their hooks."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class MethodSetup:
-    """What a method needs to build its networks, the same in training and in a later evaluation.
+    """What a method or an observer is built from, the same in training and in a later evaluation.
 
     Attributes:
         layout: sizes of both sides.
@@ -27,7 +27,8 @@ class MethodSetup:
         device: where networks live.
         seed: for the initial weights; torch's global generator is seeded before construction.
         ppo: settings shared by all methods.
-        methods: the methods this one requires, already built, by name.
+        methods: the methods this one requires, already built, by name; for an observer the run's, or none
+            where a policy is scored that no method trained.
     """
 
     layout: GameLayout
@@ -48,12 +49,11 @@ class MethodSetup:
         return self.layout.sides[1 - self.adversary_side]
 
 
-class Method:
-    """Base of every attack method. Hooks are methods marked with ``@hookimpl``.
+class RunPlugin:
+    """What methods and observers have in common: options, and a state that survives a restart.
 
-    Subclasses build their networks in ``__init__`` and return all that must survive a restart
-    (weights, optimisers, statistics) from :meth:`state_dict`. The same object without a run serves
-    evaluation, so ``extend_observation`` may use nothing but what is built here.
+    Hooks are methods marked with ``@hookimpl``. Subclasses build their networks in ``__init__`` and
+    return all that must survive a restart (weights, optimisers, statistics) from :meth:`state_dict`.
     """
 
     def __init__(self, options: BaseModel | None, setup: MethodSetup):
@@ -61,13 +61,28 @@ class Method:
         self.setup = setup
 
     def state_dict(self) -> dict[str, Any]:
-        """Tensors, numbers, strings and dicts of them; empty for a method without state."""
+        """Tensors, numbers, strings and dicts of them; empty for one without state."""
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore what :meth:`state_dict` gave."""
         if state:
             raise ValueError(f"{type(self).__name__} has no state to load, got {sorted(state)}")
+
+
+class Method(RunPlugin):
+    """Base of every attack method.
+
+    The same object without a run serves evaluation, so ``extend_observation`` may use nothing but what
+    is built in ``__init__``.
+    """
+
+
+class Observer(RunPlugin):
+    """Base of observers with options or a state: run hooks that are switched on beside any method.
+
+    One that fills ``filter_observation`` also acts where a policy is scored without its run.
+    """
 
 
 class Run(Protocol):

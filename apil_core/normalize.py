@@ -20,6 +20,10 @@ class RunningMoments(nn.Module):
 
     Args:
         size: length of a row.
+
+    Attributes:
+        mean, var: (size,) float64, zeros and ones before the first row.
+        count: () float64, rows seen.
     """
 
     mean: Tensor

@@ -10,12 +10,13 @@ from typing import Any, Literal, TypedDict
 
 import torch
 
-from apil_core.build import check_device
+from apil_core.build import check_device, observing_alone
 from apil_core.config import ActionMode, RunConfig
 from apil_core.errors import ConfigError, RunDirError
 from apil_core.game import Game
 from apil_core.game_options import with_game_options
 from apil_core.observation_filter import ObservationFilter
+from apil_core.observer_options import Observers, about, with_observers
 from apil_core.play import Players, Seat
 from apil_core.plugins import PluginRegistry, discover
 from apil_core.policy import Policy
@@ -37,7 +38,7 @@ class Pairing:
         game: not yet seeded.
         adversary, victim: the players.
         side: index of the adversary's seat.
-        hooks: of the adversary's run, or ``None`` for a named policy.
+        hooks: of the adversary's run; for a named policy of observers alone, or ``None``.
         steps: the adversary was trained for, or ``None`` for a named policy.
     """
 
@@ -110,6 +111,7 @@ class PairingOptions(TypedDict, total=False):
     adversary_actions: ActionMode | None
     victim_actions: ActionMode | None
     game_options: Mapping[str, Any] | None
+    observers: Observers | None
     sets: Sequence[str]
     physics: Profile | None
     threads: int
@@ -130,6 +132,7 @@ def load_pairing(
     adversary_actions: ActionMode | None = None,
     victim_actions: ActionMode | None = None,
     game_options: Mapping[str, Any] | None = None,
+    observers: Observers | None = None,
     sets: Sequence[str] = (),
     physics: Profile | None = None,
     seed: int = 0,
@@ -151,7 +154,8 @@ def load_pairing(
         victim: policy name, or a run that trained this seat; default: the run's victim, or the game's.
         adversary_actions, victim_actions: ``"sample"`` or ``"mode"``; default: the run's setting.
         game_options: single options of the game to change.
-        sets: the same as ``game.KEY=VALUE`` texts; they have the last word.
+        observers: to switch on besides the run's, with their options: defences, say.
+        sets: both as texts, ``game.KEY=VALUE`` and ``options.OBSERVER.KEY=VALUE``; they have the last word.
         physics: profile to play in; single values of the run's physics (``solver``, …) do not count then.
         seed: of what stochastic hooks of the adversary draw from.
         threads: physics threads (0: all CPUs); never changes the result.
@@ -169,24 +173,34 @@ def load_pairing(
     _check_numbers(seed=(seed, 0), num_envs=(num_envs, 1), threads=(threads, 0))
     source, stored = _stored(adversary, env, checkpoint_path)
     plugins = plugins or _plugins([stored, *_victims_config(victim)], plugin_files)
-    config = with_game_options(stored, plugins, game_options, sets, physics)
+    about_observers, others = about(observers or {}, sets)
+    config = with_game_options(stored, plugins, game_options, others, physics)
+    config = with_observers(config, plugins, observers or {}, about_observers)
     _adjust(config, victim, trust, device, adversary_actions, victim_actions)
     if source is None and victim_seat is not None:
         config.victim_side = victim_seat
-    side = 1 - victim_side(config, plugins)
     game = make_game(config.env, num_envs=num_envs, threads=threads, options=config.game, plugins=plugins)
     try:
-        opponent = run_victim(config, game, plugins, seed)
-        if source is None:
-            taking = Taking(trust, stream_seed(seed, "adversary's hooks"), second=True)
-            named = load_victim(str(adversary), game, side, device, plugins, taking)
-            return Pairing(config, game, named, opponent, side)
-        name = f"{SCHEME}{source.run_dir.path}"
-        trained, steps = source.policy(config, game.layout, plugins, seed, name)
-        return Pairing(config, game, trained, opponent, side, trained.hooks, steps)
+        return _seated(source or str(adversary), config, game, plugins, seed, trust)
     except BaseException:
         game.close()
         raise
+
+
+def _seated(
+    adversary: Source | str, config: RunConfig, game: Game, plugins: PluginRegistry, seed: int, trust: bool
+) -> Pairing:
+    """Both players in their seats: what a run trained, or the policy of that name, and the victim."""
+    side = 1 - victim_side(config, plugins)
+    opponent = run_victim(config, game, plugins, seed)
+    if isinstance(adversary, str):
+        taking = Taking(trust, stream_seed(seed, "adversary's hooks"), second=True)
+        named = load_victim(adversary, game, side, config.device, plugins, taking)
+        hooks = observing_alone(config, game.layout, side, plugins)
+        return Pairing(config, game, named, opponent, side, hooks)
+    name = f"{SCHEME}{adversary.run_dir.path}"
+    trained, steps = adversary.policy(config, game.layout, plugins, seed, name)
+    return Pairing(config, game, trained, opponent, side, trained.hooks, steps)
 
 
 def _victims_config(victim: str | None) -> list[RunConfig]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import pluggy
@@ -15,10 +16,10 @@ from apil_core.hook_api import HOOK_API, STATEMENT
 from apil_core.hook_fit import register, remarks
 from apil_core.hooks import PROJECT
 from apil_core.hookspecs import ProcessHooks, RunHooks
-from apil_core.method import Method
+from apil_core.method import Method, Observer, RunPlugin
 from apil_core.plugins import PluginRecord, PluginRegistry
 from apil_core.run_hooks import RunHookManager
-from apil_core.specs import MethodSpec, load
+from apil_core.specs import MethodSpec, RunPluginSpec, load, titled
 
 
 @dataclass(frozen=True)
@@ -54,9 +55,11 @@ def _report(registry: PluginRegistry, record: PluginRecord) -> PluginReport:
             remarks.append(f"states no hook API version: add {STATEMENT} = {HOOK_API} beside its hooks")
         remarks += _module_remarks(record.name, registry.modules[record.name])
         for name in record.methods:
-            _try(lambda name=name: remarks.extend(_method(registry, name)), broken)  # type: ignore[misc]
+            _try(partial(_method, registry, name, remarks), broken)
+        for name in record.observers:
+            _try(partial(_observer, registry, name, remarks), broken)
         for what, reference in _lazily_named(registry, record):
-            _try(lambda w=what, r=reference: _loaded(w, r), broken)  # type: ignore[misc]
+            _try(partial(_loaded, what, reference), broken)
     return PluginReport(
         record.name,
         record.version,
@@ -82,37 +85,45 @@ def _module_remarks(name: str, module: Any) -> list[str]:
     return remarks(manager, name, module)
 
 
-def _method(registry: PluginRegistry, name: str) -> list[str]:
+def _method(registry: PluginRegistry, name: str, remarks: list[str]) -> None:
     """Remarks on a method's run hooks, which are compared with the specifications of all it builds on."""
     spec = registry.methods[name]
-    chain = registry.method_chain(name)
+    remarks += _run_hooks(spec, Method, registry.method_chain(name))
+
+
+def _observer(registry: PluginRegistry, name: str, remarks: list[str]) -> None:
+    """Remarks on an observer's run hooks."""
+    remarks += _run_hooks(registry.observers[name], Observer, ())
+
+
+def _run_hooks(spec: RunPluginSpec, kind: type[RunPlugin], chain: Sequence[MethodSpec]) -> list[str]:
+    who = titled(spec)
     if spec.config is not None:
-        options_model(spec.config, f"method {name!r}")
-    made = _looked_at(spec)
+        options_model(spec.config, who)
+    made = _looked_at(spec, kind)
     try:
-        notes = None if made is None else RunHookManager(chain, {name: made}).notes()
+        notes = None if made is None else RunHookManager(chain, {spec.name: made}).notes()
     except AttributeError:  # a torch module, say, which cannot be looked at before it is initialised
         notes = None
     if notes is None:
-        return [
-            f"method {name!r}: {spec.factory} cannot be made without a run: its run hooks show in one only"
-        ]
-    return [f"method {note.removeprefix('plugin ')}" for note in notes]
+        return [f"{who}: {spec.factory} cannot be made without a run: its run hooks show in one only"]
+    return [f"{who}{note.removeprefix(f'plugin {spec.name!r}')}" for note in notes]
 
 
-def _looked_at(spec: MethodSpec) -> Method | None:
-    """An object of the method's class, not initialised: its hooks are to be looked at, not called."""
-    factory = load(spec.factory, f"method {spec.name!r}")
+def _looked_at(spec: RunPluginSpec, kind: type[RunPlugin]) -> RunPlugin | None:
+    """An object of the plugin's class, not initialised: its hooks are to be looked at, not called."""
+    factory = load(spec.factory, titled(spec))
+    wanted = f"a{'n' * (kind is Observer)} {kind.__name__}"
     if not inspect.isclass(factory):
         if callable(factory):
             return None
         raise PluginError(
-            f"plugin {spec.name!r}: {spec.factory} must give a Method, got {type(factory).__name__}"
+            f"plugin {spec.name!r}: {spec.factory} must give {wanted}, got {type(factory).__name__}"
         )
-    if not issubclass(factory, Method):
-        raise PluginError(f"plugin {spec.name!r}: {spec.factory} must be a Method, got {factory.__name__}")
+    if not issubclass(factory, kind):
+        raise PluginError(f"plugin {spec.name!r}: {spec.factory} must be {wanted}, got {factory.__name__}")
     try:
-        made: Method = factory.__new__(factory)
+        made: RunPlugin = factory.__new__(factory)
     except TypeError:  # it wants arguments
         return None
     return made

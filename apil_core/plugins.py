@@ -22,12 +22,13 @@ from apil_core.hook_api import check_version, stated_version, version_in_source
 from apil_core.hook_fit import register, unmarked
 from apil_core.hooks import PROJECT
 from apil_core.hookspecs import ProcessHooks, RunHooks
-from apil_core.specs import GameSpec, MethodSpec, PolicySpec, RecorderSpec
+from apil_core.specs import GameSpec, MethodSpec, ObserverSpec, PolicySpec, RecorderSpec, RunPluginSpec
 
 ENTRY_POINT_GROUP = "apil"
 
 _OFFERS = {
     "methods": ("register_methods", MethodSpec, "name"),
+    "observers": ("register_observers", ObserverSpec, "name"),
     "games": ("register_games", GameSpec, "name"),
     "policies": ("register_policies", PolicySpec, "scheme"),
     "recorders": ("register_recorders", RecorderSpec, "name"),
@@ -44,7 +45,7 @@ class PluginRecord:
         origin: entry point or file it came from.
         hook_api: hook API version it says it was built for, or ``None``.
         hooks: hooks it fills in the process-wide manager.
-        methods, games, policies, recorders: names it offers.
+        methods, observers, games, policies, recorders: names it offers.
         error: why it was left out, or ``None``.
     """
 
@@ -54,6 +55,7 @@ class PluginRecord:
     hook_api: int | None = None
     hooks: tuple[str, ...] = ()
     methods: tuple[str, ...] = ()
+    observers: tuple[str, ...] = ()
     games: tuple[str, ...] = ()
     policies: tuple[str, ...] = ()
     recorders: tuple[str, ...] = ()
@@ -66,6 +68,7 @@ class PluginRegistry:
 
     records: list[PluginRecord] = field(default_factory=list)
     methods: dict[str, MethodSpec] = field(default_factory=dict)
+    observers: dict[str, ObserverSpec] = field(default_factory=dict)
     games: dict[str, GameSpec] = field(default_factory=dict)
     policies: dict[str, PolicySpec] = field(default_factory=dict)
     recorders: dict[str, RecorderSpec] = field(default_factory=dict)
@@ -130,6 +133,21 @@ class PluginRegistry:
         """All names, families as ``scheme:…``."""
         return [spec.label for spec in self.games.values()]
 
+    def observer_names(self) -> list[str]:
+        """What ``observers`` may name: registered ones, and plugins that fill run hooks themselves."""
+        modules = [r.name for r in self.records if r.error is None and set(r.hooks) & vars(RunHooks).keys()]
+        return list(dict.fromkeys([*self.observers, *modules]))
+
+    def run_plugins(self, method: str, observers: Iterable[str]) -> tuple[RunPluginSpec, ...]:
+        """All specs a run builds anew: the method's chain, then the registered ones of ``observers``.
+
+        Raises:
+            UnknownNameError: no such method.
+            PluginError: as :meth:`method_chain`.
+        """
+        watching = (self.observers[name] for name in observers if name in self.observers)
+        return (*self.method_chain(method), *watching)
+
     def method_chain(self, name: str) -> tuple[MethodSpec, ...]:
         """The method and all it requires, requirements first.
 
@@ -155,6 +173,16 @@ class PluginRegistry:
         chain[name] = self.methods[name]
 
     def _check_duplicates(self, offers: dict[str, dict[str, Any]]) -> None:
+        for name in offers["observers"]:
+            if name in self.methods or name in offers["methods"]:
+                raise PluginError(
+                    f"observer {name!r} has the name of a method: they share the section options"
+                )
+        for name in offers["methods"]:
+            if name in self.observers:
+                raise PluginError(
+                    f"method {name!r} has the name of an observer: they share the section options"
+                )
         for kind, specs in offers.items():
             for name in specs:
                 if name in getattr(self, kind):
@@ -265,8 +293,3 @@ def import_file(path: Path) -> Any:
         del sys.modules[name]
         raise
     return module
-
-
-def names(records: Iterable[PluginRecord]) -> list[str]:
-    """Names of the working plugins among ``records``."""
-    return [record.name for record in records if record.error is None]

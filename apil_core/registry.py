@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from apil_core.errors import ApilError, ConfigError, PluginError, UnknownNameError, VictimError
 from apil_core.game import Game, SideLayout
 from apil_core.plugins import PluginRegistry, discover
-from apil_core.specs import GameSpec, MethodSpec, load
+from apil_core.specs import GameSpec, MethodSpec, ObserverSpec, RunPluginSpec, load, titled
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from apil_core.method import Method, MethodSetup
+    from apil_core.method import Method, MethodSetup, Observer
     from apil_core.policy import Policy
 
 _default: PluginRegistry | None = None
@@ -117,7 +117,7 @@ def load_policy(
 
 
 def build_methods(
-    chain: tuple[MethodSpec, ...], options: Mapping[str, Mapping[str, Any]], setup: MethodSetup
+    chain: Sequence[MethodSpec], options: Mapping[str, Mapping[str, Any]], setup: MethodSetup
 ) -> dict[str, Method]:
     """Make the method objects of a run in ``requires`` order; ``setup.methods`` grows along.
 
@@ -130,20 +130,48 @@ def build_methods(
 
     built: dict[str, Method] = {}
     for spec in chain:
-        model = options_model(spec.config, options.get(spec.name, {}), f"options.{spec.name}")
-        factory = load(spec.factory, f"method {spec.name!r}")
-        try:
-            method = factory(model, replace(setup, methods=dict(built)))
-        except ApilError:
-            raise
-        except Exception as error:
-            reason = " ".join(str(error).split())
-            raise PluginError(
-                f"plugin {spec.name!r} cannot be built: {type(error).__name__}: {reason}"
-            ) from error
-        if not isinstance(method, Method):
-            raise PluginError(
-                f"plugin {spec.name!r}: {spec.factory} must give a Method, got {type(method).__name__}"
-            )
-        built[spec.name] = method
+        made = _made(spec, options, replace(setup, methods=dict(built)))
+        if not isinstance(made, Method):
+            raise _no("Method", spec, made)
+        built[spec.name] = made
     return built
+
+
+def build_observers(
+    specs: Sequence[ObserverSpec], options: Mapping[str, Mapping[str, Any]], setup: MethodSetup
+) -> dict[str, Observer]:
+    """Make the observer objects of a run; all get the same ``setup``.
+
+    Raises:
+        PluginError: a factory fails or gives something that is no ``Observer``.
+    """
+    from apil_core.method import Observer
+
+    built: dict[str, Observer] = {}
+    for spec in specs:
+        made = _made(spec, options, setup)
+        if not isinstance(made, Observer):
+            raise _no("Observer", spec, made)
+        built[spec.name] = made
+    return built
+
+
+def _made(spec: RunPluginSpec, options: Mapping[str, Mapping[str, Any]], setup: MethodSetup) -> object:
+    model = options_model(spec.config, options.get(spec.name, {}), f"options.{spec.name}")
+    factory = load(spec.factory, titled(spec))
+    try:
+        return factory(model, setup)
+    except ApilError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split())
+        raise PluginError(
+            f"plugin {spec.name!r} cannot be built: {type(error).__name__}: {reason}"
+        ) from error
+
+
+def _no(wanted: str, spec: RunPluginSpec, made: object) -> PluginError:
+    article = "an" if wanted[0] in "AEIOU" else "a"
+    return PluginError(
+        f"plugin {spec.name!r}: {spec.factory} must give {article} {wanted}, got {type(made).__name__}"
+    )

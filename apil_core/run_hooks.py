@@ -6,7 +6,7 @@ import reprlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import pluggy
 
@@ -19,6 +19,8 @@ from apil_core.specs import MethodSpec, load
 if TYPE_CHECKING:
     import torch
     from torch import Tensor
+
+_Kind = TypeVar("_Kind")
 
 
 class RunHookManager:
@@ -49,6 +51,10 @@ class RunHookManager:
                 self._open(spec)
         for name, plugin in plugins.items():
             self._register(name, plugin)
+
+    def of(self, kind: type[_Kind]) -> dict[str, _Kind]:
+        """The plugins of a class, by name: ``RunPlugin`` for all that keep a state, ``Observer`` for some."""
+        return {name: plugin for name, plugin in self.plugins.items() if isinstance(plugin, kind)}
 
     @property
     def hook(self) -> Any:

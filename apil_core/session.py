@@ -16,7 +16,8 @@ from apil_core.evaluation import EvaluationResult
 from apil_core.files import sha256
 from apil_core.log_rows import Row, RowLog, iterations_per_row, open_recorders
 from apil_core.memory import resident_mb
-from apil_core.method_state import method_states
+from apil_core.method import RunPlugin
+from apil_core.plugin_state import states_of
 from apil_core.plugins import PluginRegistry
 from apil_core.progress import Progress
 from apil_core.rundir import RunDir, part_of_rank
@@ -78,7 +79,7 @@ class Session:
                     self._hook.run_started(run=trainer)
                     if self._goes_on:
                         self._iteration()
-                method_states(trainer.attack.methods)  # what grows in training can be stored as well
+                states_of(hooks.of(RunPlugin))  # what grows in training can be stored as well
                 while self._goes_on:
                     self._iteration()
                 self.save()

@@ -52,6 +52,34 @@ class MethodSpec:
 
 
 @dataclass(frozen=True)
+class ObserverSpec:
+    """An observer: run hooks that are switched on beside a method, such as a defence of the victim.
+
+    Attributes:
+        name: what the key ``observers`` and ``apil eval --observer`` take.
+        factory: ``"module:Class"`` of an :class:`apil_core.Observer`.
+        summary: one line for ``apil observers``.
+        config: ``"module:Model"``, the pydantic model of its options, or ``None``.
+        reference: the paper.
+    """
+
+    name: str
+    factory: str
+    summary: str = ""
+    config: str | None = None
+    reference: str = ""
+
+
+RunPluginSpec = MethodSpec | ObserverSpec
+"""What is built anew for every run and may have a section of ``options``."""
+
+
+def titled(spec: RunPluginSpec) -> str:
+    """What messages call it, e.g. ``method 'apil'``."""
+    return f"{'method' if isinstance(spec, MethodSpec) else 'observer'} {spec.name!r}"
+
+
+@dataclass(frozen=True)
 class PublishedScore:
     """What a paper reports of a matchup, as the adversary's.
 

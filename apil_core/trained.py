@@ -10,7 +10,7 @@ import torch
 from apil_core import checkpoint
 from apil_core.adversary import AdversaryPolicy
 from apil_core.build import adversary_policy
-from apil_core.checkpoint_fit import POLICY_KEYS, check_same_run, fitting
+from apil_core.checkpoint_fit import check_same_policy, fitting
 from apil_core.config import RunConfig
 from apil_core.errors import ConfigError, RunDirError
 from apil_core.files import sha256
@@ -87,7 +87,7 @@ class Source:
             RunDirError: the checkpoint is damaged, or of another run.
         """
         state = checkpoint.read(self.path)
-        check_same_run(state, config, self.path, POLICY_KEYS)
+        check_same_policy(state, config, self.path)
         side = 1 - victim_side(config, plugins)
         seat = layout.sides[side]
         info = PolicyInfo(

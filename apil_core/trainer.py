@@ -15,8 +15,9 @@ from apil_core.distributed.replicas import Replicas
 from apil_core.errors import PluginError
 from apil_core.evaluation import MAX_PARALLEL_GAMES, EvaluationResult, score
 from apil_core.learner import MAIN_STREAM
-from apil_core.method_state import load_method_states, method_states
+from apil_core.method import Observer, RunPlugin
 from apil_core.pairing import Pairing
+from apil_core.plugin_state import load_known_states, load_states, states_of
 from apil_core.plugins import PluginRegistry
 from apil_core.policy import Policy, PolicyInfo
 from apil_core.progress import Progress
@@ -53,7 +54,7 @@ class Trainer:
         self.side_games = SideGames(attack, plugins)
         self.world = attack.world
         statistics = [attack.builder.normalizers, *attack.env.normalizers.values()]
-        self._replicas = Replicas(attack.world, attack.methods, statistics)
+        self._replicas = Replicas(attack.world, attack.hooks.of(RunPlugin), statistics)
         attack.env.run = self
 
     @property
@@ -202,7 +203,8 @@ class Trainer:
             "groups": attack.builder.sizes,
             "builder": attack.builder.state_dict(),
             "learner": attack.learner.state_dict(),
-            "methods": method_states(attack.methods),
+            "methods": states_of(attack.methods),
+            "observers": states_of(attack.hooks.of(Observer)),
         }
 
     def state_dict(self) -> dict[str, Any]:
@@ -229,7 +231,8 @@ class Trainer:
         self.wall_seconds = state["wall_seconds"]
         attack.builder.load_state_dict(state["builder"])
         attack.learner.load_state_dict(state["learner"])
-        load_method_states(attack.methods, state["methods"])
+        load_states(attack.methods, state["methods"])
+        load_states(attack.hooks.of(Observer), state.get("observers", {}))  # older ones lack the key
         attack.env.load_state_dict(state["env"])
         self.side_games.load_state_dict(state["side_games"])
         for name, generator in attack.generators.items():
@@ -253,5 +256,5 @@ class Trainer:
             }
             module.moments.load_state_dict(moments)
         attack.env.restart()
-        shared = {name: method for name, method in attack.methods.items() if name in state["methods"]}
-        load_method_states(shared, state["methods"])
+        load_known_states(attack.methods, state["methods"])
+        load_known_states(attack.hooks.of(Observer), state.get("observers", {}))

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import PurePosixPath
 from typing import Any
 
-from apil_core.bench.matrix import Matrix
+from apil_core.bench.matrix import Matrix, ScoreConfig
 from apil_core.config import RunConfig
 from apil_core.config_io import plugin_files, resolve_layers
 from apil_core.config_layers import Layer, flag_layer, preset_layer, set_layer
 from apil_core.counts import short_number
 from apil_core.default_victim import default_baseline
 from apil_core.errors import ApilError, ConfigError
+from apil_core.observer_options import observers_played, with_observers
 from apil_core.plugins import PluginRegistry, discover
 
 _UNSAFE = re.compile(r"[^A-Za-z0-9_.=,+-]+")
@@ -84,9 +85,24 @@ def resolve_matrix(matrix: Matrix, origin: str = "matrix") -> Benchmark:
             f"{origin}: two cells would be called {min(twice)}; values of an axis look too alike"
         )
     victims = {game: tuple(dict.fromkeys(c.victim for c in cells if c.game == game)) for game in matrix.games}
-    resolved = matrix.model_copy(update={"victims": victims}, deep=True)
+    scores = {name: _spelt_out(name, score, origin, cells, plugins) for name, score in matrix.scores.items()}
+    resolved = matrix.model_copy(update={"victims": victims, "scores": scores}, deep=True)
     baselines = {game: default_baseline(plugins.game(game), plugins) for game in matrix.games}
     return Benchmark(resolved, cells, {game: name for game, name in baselines.items() if name}, plugins)
+
+
+def _spelt_out(
+    name: str, score: ScoreConfig, origin: str, cells: Sequence[Cell], plugins: PluginRegistry
+) -> ScoreConfig:
+    """The score with all options of its observers, which every cell must be able to switch on."""
+    played: dict[str, Any] = {}
+    for cell in cells if score.observers else ():
+        try:
+            config = with_observers(cell.config, plugins, score.observers)
+        except ApilError as error:
+            raise ConfigError(f"{origin}: scores.{name}: {error}") from error
+        played = {observer: observers_played(config)[observer] for observer in score.observers}
+    return score.model_copy(update={"observers": played})
 
 
 def _base_layers(matrix: Matrix, origin: str) -> list[Layer]:
@@ -120,13 +136,24 @@ def _check_names(matrix: Matrix, origin: str, plugins: PluginRegistry) -> None:
 
 def _check_used(matrix: Matrix, origin: str, plugins: PluginRegistry) -> None:
     """Options of a method that no cell uses are a slip of the pen, not a wish."""
-    used = {spec.name for method in matrix.methods for spec in plugins.method_chain(method)}
+    named = [
+        *_names(matrix.config.get("observers")),
+        *(n for v in matrix.axes.get("observers", ()) for n in _names(v)),
+    ]
+    used = {spec.name for method in matrix.methods for spec in plugins.run_plugins(method, named)}
     written = [("config.options", name) for name in _section(matrix.config.get("options"))]
     written += [(f"axes.{key}", owner) for key in matrix.axes if (owner := _owner(key)) is not None]
     for where, name in written:
         if name not in used:
             known = ", ".join(sorted(used))
-            raise ConfigError(f"{origin}: {where}: no method here reads options of {name!r} (but of {known})")
+            raise ConfigError(
+                f"{origin}: {where}: no method or observer here reads options of {name!r} (but of {known})"
+            )
+
+
+def _names(value: Any) -> tuple[str, ...]:
+    """The texts in what should be a list of names."""
+    return tuple(v for v in value if isinstance(v, str)) if isinstance(value, (list, tuple)) else ()
 
 
 def _section(value: Any) -> Mapping[str, Any]:
@@ -134,7 +161,7 @@ def _section(value: Any) -> Mapping[str, Any]:
 
 
 def _owner(key: str) -> str | None:
-    """The method whose option an axis is, or ``None``."""
+    """The method or observer whose option an axis is, or ``None``."""
     parts = key.split(".")
     return parts[1] if parts[0] == "options" and len(parts) > 2 else None
 
@@ -143,12 +170,8 @@ def _expand(matrix: Matrix, origin: str, base: list[Layer], plugins: PluginRegis
     resolved: dict[str, RunConfig] = {}  # cells that differ in seed and budget only are checked once
     several_victims = {game for game, names in matrix.victims.items() if len(names) > 1}
     for seed, game, method in product(matrix.seeds, matrix.games, matrix.methods):
-        chain = {spec.name for spec in plugins.method_chain(method)}
-        axes = {key: values for key, values in matrix.axes.items() if _owner(key) in (None, *chain)}
-        for victim, steps, values in product(
-            matrix.victims.get(game, ("auto",)), matrix.steps, product(*axes.values())
-        ):
-            chosen = dict(zip(axes, values, strict=True))
+        combinations = _combinations(matrix, method, plugins)
+        for victim, steps, chosen in product(matrix.victims.get(game, ("auto",)), matrix.steps, combinations):
             named = victim if game in several_victims else None
             name = _name(game, method, seed, steps, named, chosen)
             kind = repr((game, method, victim, chosen))
@@ -157,6 +180,18 @@ def _expand(matrix: Matrix, origin: str, base: list[Layer], plugins: PluginRegis
                 resolved[kind] = _config(base, flags, chosen, plugins, f"{origin}, cell {name}")
             config = resolved[kind].model_copy(update={"seed": seed, "steps": steps}, deep=True)
             yield Cell(game, method, seed, steps, config.victim, chosen, name, config)
+
+
+def _combinations(matrix: Matrix, method: str, plugins: PluginRegistry) -> list[dict[str, Any]]:
+    """Values on the matrix's further axes, each once; options of who does not take part are left out."""
+    found: dict[str, dict[str, Any]] = {}
+    for values in product(*matrix.axes.values()):
+        chosen = dict(zip(matrix.axes, values, strict=True))
+        observers = _names(chosen.get("observers", matrix.config.get("observers")))
+        parts = {spec.name for spec in plugins.run_plugins(method, observers)}
+        applying = {key: value for key, value in chosen.items() if _owner(key) in (None, *parts)}
+        found.setdefault(repr(applying), applying)
+    return list(found.values())
 
 
 def _config(

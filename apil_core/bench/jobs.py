@@ -212,8 +212,12 @@ def labels(cells: Sequence[Cell]) -> dict[str, str]:
 
 
 def matches(result: Any, wanted: ScoreConfig, cell: Cell, trained: int | None) -> bool:
-    """Whether a stored score is the one asked for: of these weights, in these circumstances."""
+    """Whether a stored score is the one asked for: of these weights, in these circumstances.
+
+    ``trained`` is ``None`` for the baseline, which has no run and so no run's observers.
+    """
     from apil_core.game_options import stored_physics
+    from apil_core.observer_options import observers_played
 
     if result is None:
         return False
@@ -221,6 +225,7 @@ def matches(result: Any, wanted: ScoreConfig, cell: Cell, trained: int | None) -
     asked = (
         wanted.episodes,
         wanted.blind,
+        {**({} if trained is None else observers_played(cell.config)), **wanted.observers},
         wanted.physics or stored_physics(cell.config),
         wanted.adversary_actions or modes.adversary_actions,
         wanted.victim_actions or modes.victim_actions,
@@ -230,6 +235,7 @@ def matches(result: Any, wanted: ScoreConfig, cell: Cell, trained: int | None) -
     played = (
         result.episodes,
         result.blind,
+        result.observers,
         result.physics,
         result.adversary_actions,
         result.victim_actions,

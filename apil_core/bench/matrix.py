@@ -51,6 +51,8 @@ class ScoreConfig(Section):
     """Physics profile to play in; null: the one it was trained in."""
     blind: BlindMode | None = None
     """Hide the opponent from the adversary: zeros, or the mean of starting states."""
+    observers: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    """Observers switched on besides the runs' own, such as defences of the victim, each with its options."""
     adversary_actions: ActionMode | None = None
     """Draw the adversary's actions, or take the mode; null: as its run's evaluation."""
     victim_actions: ActionMode | None = None

@@ -163,6 +163,7 @@ class _Worker:
         for name, wanted in scores.items():
             options: PairingOptions = {
                 "physics": wanted.physics,
+                "observers": wanted.observers,
                 "adversary_actions": wanted.adversary_actions,
                 "victim_actions": wanted.victim_actions,
                 "threads": self.threads,

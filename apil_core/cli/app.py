@@ -38,6 +38,7 @@ _VERBS = (
     ("config", "config:app", _WORK, "Show, validate, describe and compare configurations."),
     ("victims", "victims:app", _WORK, "List, check, import and download victims."),
     ("methods", "offers:methods", _LOOK, "Attack methods there are."),
+    ("observers", "offers:observers", _LOOK, "Observers there are, such as defences."),
     ("games", "offers:games", _LOOK, "Games there are."),
     (
         "plugins",

@@ -164,8 +164,16 @@ class PairingFlags:
         Parameter(
             name="--set",
             show_default=False,
-            metavar="game.KEY=VALUE",
-            help="One option of the game; repeatable.",
+            metavar="KEY=VALUE",
+            help="One option of the game (game.KEY) or of an --observer (options.NAME.KEY); repeatable.",
+        ),
+    ] = field(default_factory=list)
+    observer: Annotated[
+        list[str],
+        Parameter(
+            show_default=False,
+            metavar="NAME",
+            help="Observer to switch on besides the run's, such as a defence of the victim; repeatable.",
         ),
     ] = field(default_factory=list)
     checkpoint: Annotated[
@@ -180,6 +188,7 @@ class PairingFlags:
             "victim": self.victim,
             "adversary_actions": self.adversary_actions,
             "victim_actions": self.victim_actions,
+            "observers": {name: {} for name in self.observer},
             "sets": self.sets,
             "physics": self.physics,
             "checkpoint_path": self.checkpoint,

@@ -1,4 +1,4 @@
-"""``apil plugins | games | methods``: what is installed, and what is wrong with what is broken."""
+"""``apil plugins | games | methods | observers``: what is installed, and what is broken and why."""
 
 from __future__ import annotations
 
@@ -68,6 +68,24 @@ def methods(*, plugin: Plugins | None = None, as_json: Json = False) -> None:
     console().print(rows)
 
 
+def observers(*, plugin: Plugins | None = None, as_json: Json = False) -> None:
+    """List observers: what can be switched on beside a method with --set observers=[NAME].
+
+    Also by apil eval --observer NAME; plugins that fill run hooks themselves are observers, too.
+    """
+    found = _discover(plugin)
+    if as_json:
+        specs = [spec for _, spec in sorted(found.observers.items())]
+        print_json([asdict(spec) for spec in specs])
+        return
+    rows = table("observer", "what it does", "reference")
+    for name in sorted(found.observer_names()):
+        spec = found.observers.get(name)
+        summary = "run hooks of the plugin of that name" if spec is None else spec.summary
+        rows.add_row(name, summary, "" if spec is None else spec.reference)
+    console().print(rows)
+
+
 def _checked(plugin: list | None, as_json: bool) -> int:
     from apil_core.plugin_check import check_plugins
     from apil_core.plugins import discover
@@ -105,6 +123,7 @@ def _discover(plugin: list | None) -> PluginRegistry:
 def _offers(record: PluginRecord) -> str:
     kinds = {
         "methods": record.methods,
+        "observers": record.observers,
         "games": record.games,
         "policies": record.policies,
         "recorders": record.recorders,

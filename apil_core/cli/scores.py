@@ -50,6 +50,9 @@ def _facts(result: EvaluationResult) -> list[str]:
     if result.blind is not None:
         imitator = ", its methods too" if result.blind_imitator else ""
         facts.append(f"blinded    the adversary does not see its opponent ({result.blind}){imitator}")
+    for name, options in result.observers.items():
+        chosen = ", ".join(f"{key} {value}" for key, value in options.items())
+        facts.append(f"observer   {name}{f': {chosen}' if chosen else ''}")
     if played := result.options_played:
         facts.append(f"game       {', '.join(f'{key} {value}' for key, value in played.items())}")
     if (hint := true_rules_hint(result)) is not None:

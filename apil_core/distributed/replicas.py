@@ -88,13 +88,13 @@ class Replicas:
 
     Args:
         world: of the processes.
-        methods: the run's, by name.
-        statistics: modules with running statistics that belong to no method.
+        plugins: the run's methods and observers, by name.
+        statistics: modules with running statistics that belong to none of them.
     """
 
-    def __init__(self, world: World, methods: Mapping[str, Any], statistics: Sequence[nn.Module]):
+    def __init__(self, world: World, plugins: Mapping[str, Any], statistics: Sequence[nn.Module]):
         self._world = world
-        self._methods = methods
+        self._plugins = plugins
         self._statistics = statistics
 
     def start_equal(self) -> None:
@@ -109,7 +109,7 @@ class Replicas:
             steps: that this process has played; must be the same in all.
 
         Raises:
-            PluginError: in another process a method holds other things, or has played more or less.
+            PluginError: in another process a plugin holds other things, or has played more or less.
         """
         if self._world.size == 1:
             return
@@ -120,16 +120,15 @@ class Replicas:
         pool(self._world, [part for part in held if isinstance(part, nn.Module)])
 
     def _parts(self) -> list[Part]:
-        return parts([vars(method) for method in self._methods.values()] + [list(self._statistics)])
+        return parts([vars(method) for method in self._plugins.values()] + [list(self._statistics)])
 
     def _check(self, tensors: Sequence[Tensor], steps: int) -> None:
         shapes = repr([tuple(tensor.shape) for tensor in tensors])
         mine = (zlib.crc32(shapes.encode()), steps)
         others = self._world.gather(mine)
         if any(other != mine for other in others):
-            names = ", ".join(self._methods)
+            names = ", ".join(self._plugins)
             what = "steps played" if all(other[0] == mine[0] for other in others) else "networks"
             raise PluginError(
-                f"method {names}: its {what} differ between the processes of this run; "
-                "train it in one process"
+                f"{names}: {what} differ between the processes of this run; train it in one process"
             )

@@ -88,8 +88,20 @@ def key_of(run: Run, score: EvaluationResult | None) -> Key:
         adversary_actions=actions[0],
         victim_actions=actions[1],
         axes=tuple((key, str(value)) for key, value in axes.items()),
-        other=tuple((key, str(value)) for key, value in _other(config, default).items() if key not in axes),
+        other=(
+            *((key, str(value)) for key, value in _other(config, default).items() if key not in axes),
+            *(_switched_on(config, score) if score is not None else ()),
+        ),
     )
+
+
+def _switched_on(config: RunConfig, score: EvaluationResult) -> list[tuple[str, str]]:
+    """Observers of the scored games that the training did not have, as name and options."""
+    return [
+        (f"scored with {name}", ", ".join(f"{key} {value}" for key, value in options.items()) or "on")
+        for name, options in score.observers.items()
+        if name not in config.observers
+    ]
 
 
 def victim_kind(env: str, victim: str, plugins: Sequence[str] = ()) -> str:
@@ -156,7 +168,8 @@ def changed_options(config: RunConfig, besides: Container[str]) -> list[str]:
 
 def conditions(score: EvaluationResult) -> str:
     """Everything a score depends on but the adversary, its blinding, the seed and the number of games."""
-    facts = score.model_dump(mode="json", include={"env", "victim", "adversary_actions", "victim_actions"})
+    told = {"env", "victim", "adversary_actions", "victim_actions", "observers"}
+    facts = score.model_dump(mode="json", include=told)
     return str({**facts, **dict(sorted(score.options_played.items()))})
 
 

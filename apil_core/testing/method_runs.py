@@ -14,13 +14,14 @@ from apil_core.build import build, build_hooks, method_setup
 from apil_core.config import RunConfig
 from apil_core.config_io import complete
 from apil_core.method import Method
+from apil_core.plugin_state import stored_and_read, unstorable
 from apil_core.registry import make_game
 from apil_core.run_hooks import RunHookManager
 from apil_core.rundir import RunDir
 from apil_core.seats import victim_side
 from apil_core.testing import company
 from apil_core.testing.promises import METHOD_PROMISES, ContractError, promised
-from apil_core.testing.states import differences, through_a_file, unfit
+from apil_core.testing.states import differences
 from apil_core.testing.subject import Subject, final_state, train
 from apil_core.testing.watch import Watch, watching
 from apil_core.trainer import Trainer
@@ -79,10 +80,11 @@ def check_state(subject: Subject, method: Method, when: str) -> None:
         state = method.state_dict()
     if not isinstance(state, dict):
         raise subject.broken("state", f"state_dict() must return a dict, got {type(state).__name__}")
-    if (reason := unfit(state)) is not None:
-        raise subject.broken("state", f"state_dict() {when}: {reason}")
+    if (culprit := unstorable(state, "state_dict()")) is not None:
+        where, what = culprit
+        raise subject.broken("state", f"{when}: {where} is a {what}, which a checkpoint cannot hold")
     with promised(subject.who, promise):
-        read = through_a_file(state)
+        read = stored_and_read(state)
         fresh = built(subject, seed=1)[0][subject.spec.name]
         fresh.load_state_dict(read)
         after = fresh.state_dict()

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import dis
 import inspect
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cache
-from itertools import pairwise
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -16,7 +14,6 @@ from pydantic import BaseModel, ValidationError
 from apil_core.config_models import options_model
 from apil_core.errors import PluginError
 from apil_core.hook_fit import forgotten
-from apil_core.hookspecs import RunHooks
 from apil_core.method import Method
 from apil_core.plugins import PluginRegistry
 from apil_core.run_hooks import RunHookManager
@@ -169,7 +166,7 @@ def check_marks(subject: Subject, method: Method, manager: RunHookManager) -> No
             raise subject.broken("marks", text, hook)
 
 
-def check_answers(subject: Subject, method: Method, manager: RunHookManager) -> None:
+def check_answers(subject: Subject, manager: RunHookManager) -> None:
     """Hooks that can never answer.
 
     Raises:
@@ -177,26 +174,3 @@ def check_answers(subject: Subject, method: Method, manager: RunHookManager) -> 
     """
     for line in forgotten(manager.manager, subject.spec.name):
         raise subject.broken("answers", line, hook_in(line))
-    for caller in manager.manager.get_hookcallers(method) or []:
-        for impl in caller.get_hookimpls():
-            silent = impl.wrapper and not _returns(impl.function)
-            if impl.plugin is method and silent and _wants(caller.name):
-                text = f"{caller.name} is a wrapper without `return`: what the others answered is lost"
-                raise subject.broken("answers", text, caller.name)
-
-
-def _wants(hook: str) -> bool:
-    """Whether a hook has an answer that a wrapper could lose; those of methods are taken to have one."""
-    spec = getattr(RunHooks, hook, None)
-    return spec is None or inspect.get_annotations(spec).get("return", "None") not in (None, "None")
-
-
-def _returns(function: Callable[..., Any]) -> bool:
-    """Whether its bytecode returns anything but the constant ``None``."""
-    code = list(dis.get_instructions(inspect.unwrap(function)))
-    if any(step.opname == "RETURN_CONST" and step.argval is not None for step in code):
-        return True
-    return any(
-        step.opname == "RETURN_VALUE" and not (before.opname == "LOAD_CONST" and before.argval is None)
-        for before, step in pairwise(code)
-    )

@@ -70,7 +70,7 @@ def without_a_run(subject: Subject) -> None:
     methods, hooks = method_runs.built(subject)
     method = methods[spec.name]
     method_spec.check_marks(subject, method, hooks)
-    method_spec.check_answers(subject, method, hooks)
+    method_spec.check_answers(subject, hooks)
     method_runs.check_state(subject, method, "as built")
 
 

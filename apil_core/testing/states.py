@@ -1,14 +1,11 @@
-"""Comparing and judging saved states: nested dicts and lists of tensors, numbers and strings."""
+"""Comparing saved states: nested dicts and lists of tensors, numbers and strings."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import torch
-
-_PLAIN = (bool, int, float, str, bytes, type(None))
 
 
 def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -45,31 +42,3 @@ def equal(a: Any, b: Any) -> bool:
     if isinstance(a, torch.Tensor) or isinstance(b, torch.Tensor):
         return False
     return bool(a == b) or (a != a and b != b)
-
-
-def unfit(state: Any, path: str = "") -> str | None:
-    """Why a state is not plain: the first value that is neither tensor, number, string, dict nor list.
-
-    Returns:
-        a sentence, or ``None`` if all is well.
-    """
-    if isinstance(state, Mapping):
-        for key, item in state.items():
-            if type(key) not in (str, int):
-                return f"the key {key!r} at {path or 'the top'} is no string"
-            if (reason := unfit(item, f"{path}[{key!r}]")) is not None:
-                return reason
-        return None
-    if type(state) in (list, tuple):
-        return next((r for i, item in enumerate(state) if (r := unfit(item, f"{path}[{i}]"))), None)
-    if isinstance(state, torch.Tensor) or type(state) in _PLAIN:
-        return None
-    return f"{path or 'the whole'} is a {type(state).__module__}.{type(state).__qualname__}"
-
-
-def through_a_file(state: Any) -> Any:
-    """What is read back from a checkpoint; runs no code that might be in it."""
-    file = io.BytesIO()
-    torch.save(state, file)
-    file.seek(0)
-    return torch.load(file, weights_only=True)

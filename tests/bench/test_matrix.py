@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
-from apil_core import ConfigError
+from apil_core import ConfigError, evaluate
 from apil_core.bench.cells import resolve_matrix
 from apil_core.bench.folder import BenchDir
+from apil_core.bench.jobs import matches
 from apil_core.bench.matrix import Matrix, load_matrix, matrix_names
 from apil_core.errors import ApilError
 from bench.small_matrix import small_matrix
@@ -69,6 +73,68 @@ def test_an_axis_of_one_method_does_not_multiply_the_others():
     ]
 
 
+@pytest.fixture
+def dimming(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Path of a one-file plugin with the observer ``dim`` and its option ``by``."""
+    monkeypatch.delitem(sys.modules, "dimming", raising=False)
+    file = tmp_path / "dimming.py"
+    file.write_text(
+        "from apil_core import Observer, ObserverSpec, Section, hookimpl\n"
+        "class Options(Section):\n    by: float = 0.5\n"
+        "class Dim(Observer):\n    @hookimpl\n"
+        "    def filter_observation(self, context, obs):\n"
+        "        return obs * self.options.by if context.role == 'victim' else None\n"
+        "@hookimpl\ndef register_observers():\n"
+        "    return [ObserverSpec('dim', f'{__name__}:Dim', config=f'{__name__}:Options')]\n"
+    )
+    return str(file)
+
+
+def observed_matrix(file: str, **changes: Any) -> Matrix:
+    base = small_matrix().config
+    return small_matrix(config={**base, "plugins": [file]}, **changes)
+
+
+def test_an_axis_of_an_observer_does_not_multiply_cells_without_it(dimming: str):
+    axes = {"options.dim.by": [0.1, 0.9], "observers": [[], ["dim"]]}
+    cells = resolve_matrix(observed_matrix(dimming, axes=axes)).cells
+    assert [(c.config.observers, c.config.options.get("dim")) for c in cells] == [
+        ((), None),
+        (("dim",), {"by": 0.1}),
+        (("dim",), {"by": 0.9}),
+    ]
+    assert len({c.name for c in cells}) == 3
+
+
+def test_the_observers_of_a_score_are_spelt_out_and_part_of_what_is_asked_for(dimming: str):
+    scores = {"plain": {"episodes": 4}, "dimmed": {"episodes": 4, "observers": {"dim": {}}}}
+    benchmark = resolve_matrix(observed_matrix(dimming, scores=scores))
+    found = benchmark.matrix.scores["dimmed"]
+    assert found.observers == {"dim": {"by": 0.5}}
+    config = benchmark.cells[0].config
+    played = evaluate(
+        "random", episodes=4, env=config.env, plugins=benchmark.plugins, observers=found.observers
+    )
+    cell = replace(benchmark.cells[0], victim=played.victim.name)
+    assert matches(played, found, cell, None)
+    assert not matches(played, benchmark.matrix.scores["plain"], cell, None)
+    other = found.model_copy(update={"observers": {"dim": {"by": 0.1}}})
+    assert not matches(played, other, cell, None)
+
+
+@pytest.mark.parametrize(
+    ("observers", "told"),
+    [
+        ({"dimm": {}}, "matrix: scores.dimmed: unknown observer 'dimm' (did you mean 'dim'?"),
+        ({"dim": {"bye": 1}}, "matrix: scores.dimmed: observers: options.dim.bye: unknown key (did you"),
+    ],
+)
+def test_mistakes_in_a_scores_observers_are_told_before_anything_starts(dimming: str, observers, told):
+    with pytest.raises(ApilError) as error:
+        resolve_matrix(observed_matrix(dimming, scores={"plain": {}, "dimmed": {"observers": observers}}))
+    assert told in str(error.value)
+
+
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
@@ -78,9 +144,12 @@ def test_an_axis_of_one_method_does_not_multiply_the_others():
         ({"axes": {"ppo.epochs": [0]}}, "axis ppo.epochs=0: "),
         (
             {"axes": {"options.apil.prediction": ["noise"]}},
-            "axes.options.apil.prediction: no method here reads options",
+            "axes.options.apil.prediction: no method or observer here reads options",
         ),
-        ({"config": {"options": {"apill": {}}}}, "config.options: no method here reads options of 'apill'"),
+        (
+            {"config": {"options": {"apill": {}}}},
+            "config.options: no method or observer here reads options of 'apill'",
+        ),
         ({"axes": {"ppo.": [1]}}, "expected key=value"),
     ],
 )

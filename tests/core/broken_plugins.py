@@ -68,6 +68,13 @@ def observer(source: str, **rest: object) -> Case:
     return Case(HEAD + textwrap.dedent(source), command=OBSERVED, **rest)  # type: ignore[arg-type]
 
 
+def registered_observer(name: str, before: str = "") -> Case:
+    """An observer of that name, switched on, whose class is ``Bad``."""
+    made = f"{HEAD}from apil_core import Observer, ObserverSpec\n{before}\nclass Bad(Observer): pass\n"
+    offer = f'    return [ObserverSpec("{name}", f"{{__name__}}:Bad")]\n'
+    return Case(f"{made}\n@hookimpl\ndef register_observers():\n{offer}", command=OBSERVED)
+
+
 def state(expression: str, load: str = "pass") -> Case:
     """A method ``bad`` with that state."""
     return method(
@@ -133,10 +140,16 @@ BEFORE = {
     "fills a hook of a method it does not require": hook("imitation_reward(rollout)", "return None"),
     "a wrapper without `yield`": hook("shape_reward(step)", "return {}", mark="hookimpl(wrapper=True)"),
     "wraps `filter_observation`": hook("filter_observation(obs)", "yield", mark="hookimpl(wrapper=True)"),
-    "is no plugin, but named as an observer": Case("", ("run", "--set", "observers=[apll]")),
+    "is no observer, but named as one": Case("", ("run", "--set", "observers=[apll]")),
+    "is a plugin without run hooks, but named as an observer": Case("", ("run", "--set", "observers=[apl]")),
+    "an observer's factory gives no `Observer`": registered_observer(
+        "bad", before="class Observer:\n    def __init__(self, options, setup): pass"
+    ),
+    "an observer has the name of a method": registered_observer("apil"),
     "`state_dict` holds a function": state('{"act": lambda: 0}'),
     "`state_dict` holds an open file": state('{"log": {"file": open("log.txt", "w")}}'),
     "`state_dict` holds an object of its own": state('{"parts": [Bad.__new__(Bad)]}'),
+    "`state_dict` holds a numpy array": state('{"w": torch.ones(2).numpy()}'),
     "`state_dict` holds a tensor with its graph": state('{"w": torch.ones(2, requires_grad=True) * 2}'),
     "`state_dict` forgets to return": state("None"),
     "`state_dict` fails": state("self.net"),

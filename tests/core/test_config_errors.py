@@ -48,7 +48,7 @@ def test_every_mistake_in_a_file_is_reported_with_its_line(registry: PluginRegis
         f"{file}:6: ppo.hidden.1: should be a valid integer, unable to parse string as an integer, got 'a'",
         f"{file}:7: learning_rate: unknown key (did you mean 'ppo.learning_rate'?)",
         f"{file}:9: options.apl: method 'adrl' does not use 'apl' (option sections it reads: none)",
-        f"{file}:11: options.apill: unknown method 'apill' "
+        f"{file}:11: options.apill: unknown method or observer 'apill' "
         "(did you mean 'apil'? known: adrl, apil, apl, e_apil)",
         f"{file}:12: victim_actions: should be 'sample' or 'mode', got 'sampel' (did you mean 'sample'?)",
         f"{file}:15: recorders.1: unknown recorder 'wandbb' (known: jsonl, tensorboard)",
@@ -75,7 +75,7 @@ def test_every_mistake_in_a_file_is_reported_with_its_line(registry: PluginRegis
         ),
         ("env=kick-and-defent", "unknown game 'kick-and-defent' (did you mean 'kick-and-defend'?"),
         ("device=gpu", "unknown device 'gpu' (did you mean 'cpu'? known: cpu, cuda, cuda:N)"),
-        ("observers=[nobody]", "observers.0: unknown plugin 'nobody'"),
+        ("observers=[nobody]", "observers.0: unknown observer 'nobody'"),
         ("version=2", "is 2, newer than this apil understands (1): upgrade apil"),
         ("ppo.minibatches=99999", "num_envs × ppo.num_steps (16384) must hold at least two samples"),
     ],

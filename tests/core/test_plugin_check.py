@@ -21,8 +21,8 @@ from apil_core.hook_api import HookDeprecationWarning, version_in_source
 from apil_core.hook_fit import forgotten, register, remarks
 from apil_core.hooks import PROJECT
 from apil_core.hookspecs import RunHooks
-from apil_core.method_state import unstorable
 from apil_core.plugin_check import check_plugins
+from apil_core.plugin_state import unstorable
 from apil_core.plugins import PluginRecord, PluginRegistry, discover
 from apil_core.registry import default_plugins
 from apil_core.run_hooks import RunHookManager
@@ -270,10 +270,11 @@ Pair = namedtuple("Pair", "a b")
     ("state", "where"),
     [
         ({"w": torch.ones(2), "n": {"deep": [1, 2.5, "x", None, True]}}, None),
-        ({"w": torch.nn.Parameter(torch.ones(2)), 3: OrderedDict(a=np.ones(2))}, None),
+        ({"w": torch.nn.Parameter(torch.ones(2)), 3: OrderedDict(a=[1.0])}, None),
         (torch.optim.Adam([torch.nn.Parameter(torch.ones(1))]).state_dict(), None),
         ({"a": [0, {"b": Other}]}, ("s['a'][1]['b']", "type")),
-        ({"a": np.array([None])}, ("s['a']", "ndarray")),
+        ({"a": np.ones(2)}, ("s['a']", "numpy array")),
+        ({"a": [np.float32(1)]}, ("s['a'][0]", "numpy number")),
         ({"a": Pair(1, 2)}, ("s['a']", "Pair")),
         ({(1, 2): 0}, None),
         ({Other: 0}, (f"s: key {Other!r}", "type")),

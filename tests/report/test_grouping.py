@@ -65,6 +65,14 @@ def test_action_modes_and_victims_are_two_numbers(tmp_path: Path) -> None:
     assert how == {("sample", "default"), ("mode", "default"), ("sample", "baseline:zero/7x2")}
 
 
+def test_a_victim_that_was_defended_is_another_number(tmp_path: Path) -> None:
+    masked = {"observers": {"masked_observation": {"way": "noise"}}}
+    found = _gather(_run(tmp_path / "a", 10), _run(tmp_path / "b", 20, masked, seed=1))
+    assert sorted(_numbers(found)) == [[0.1], [0.2]]
+    told = [setting.axes.get("scored with masked_observation") for setting in found.settings]
+    assert told == [None, "way noise"]
+
+
 def test_physics_are_two_numbers(tmp_path: Path) -> None:
     faithful = _run(tmp_path / "a", 10, {"game_settings": {"physics": "faithful"}})
     fast = _run(tmp_path / "b", 20, {"game_settings": {"physics": "fast"}}, seed=1)

@@ -272,7 +272,7 @@ WITHOUT_A_RUN = [
     ("ForgetsToReturn", "hooks.md#shape_reward", "shape_reward has no "),
     ("WrapsWithoutReturn", "hooks.md#shape_reward", "shape_reward is a wrapper without `return`"),
     ("CannotLoad", "testing.md#state", "CannotLoad has no state to load, got ['weight']"),
-    ("KeepsArrays", "testing.md#state", "state_dict() as built: ['inner']['weight'] is a numpy.ndarray"),
+    ("KeepsArrays", "testing.md#state", "as built: state_dict()['inner']['weight'] is a numpy array"),
     (
         "LoadsNothing",
         "testing.md#state",

@@ -1,1 +1,24 @@
-"""A defence: the victim does not see its opponent. Three observers, one way of masking each."""
+"""A defence: the victim does not see its opponent."""
+
+from __future__ import annotations
+
+from apil_core import ObserverSpec, hookimpl
+
+__all__ = ["APIL_HOOK_API", "register_observers"]
+
+APIL_HOOK_API = 1
+"""The hook API this package was written for."""
+
+
+@hookimpl
+def register_observers() -> list[ObserverSpec]:
+    """An observer: it is switched on beside whatever method attacks."""
+    return [
+        ObserverSpec(
+            name="masked_observation",
+            factory="apil_masked_observation.observer:MaskedObservation",
+            summary="a defence: the victim does not see its opponent",
+            config="apil_masked_observation.options:MaskedObservationOptions",
+            reference="Gleave et al. 2020, arXiv:1905.10615",
+        )
+    ]

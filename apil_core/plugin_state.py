@@ -1,36 +1,35 @@
-"""What methods keep across a restart: found storable before hours are spent, and whose fault it is if not."""
+"""What methods and observers keep across a restart: found storable before hours are spent, or whose fault."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
 from apil_core.checkpoint import to_tensors
 from apil_core.errors import ApilError, PluginError
-from apil_core.registry import build_methods
 
 if TYPE_CHECKING:
-    from apil_core.method import Method, MethodSetup
-    from apil_core.specs import MethodSpec
+    from apil_core.method import RunPlugin
 
 _PLAIN = (Tensor, nn.Parameter, int, float, bool, str, bytes, type(None))
 """Types known to be stored and read back as they are."""
 
 
-def method_states(methods: Mapping[str, Method]) -> dict[str, dict[str, Any]]:
-    """Every method's ``state_dict()``, by name.
+def states_of(plugins: Mapping[str, RunPlugin]) -> dict[str, dict[str, Any]]:
+    """Everyone's ``state_dict()``, by name.
 
     Raises:
-        PluginError: one fails, is no dict, or holds what a checkpoint cannot hold; names method and key.
+        PluginError: one fails, is no dict, or holds what a checkpoint cannot hold; names plugin and key.
     """
     states = {}
-    for name, method in methods.items():
+    for name, plugin in plugins.items():
         try:
-            state = method.state_dict()
+            state = plugin.state_dict()
         except ApilError:
             raise
         except Exception as error:
@@ -48,42 +47,45 @@ def method_states(methods: Mapping[str, Method]) -> dict[str, dict[str, Any]]:
     return states
 
 
-def load_method_states(methods: Mapping[str, Method], states: Mapping[str, dict[str, Any]]) -> None:
-    """Give every method back what :func:`method_states` got of it.
+def load_states(plugins: Mapping[str, RunPlugin], states: Mapping[str, dict[str, Any]]) -> None:
+    """Give everyone back what :func:`states_of` got of it.
 
     Raises:
         PluginError: one does not take it.
     """
-    for name, method in methods.items():
+    for name, plugin in plugins.items():
         try:
-            method.load_state_dict(states[name])
+            plugin.load_state_dict(states[name])
         except ApilError:
             raise
         except Exception as error:
             raise PluginError(f"plugin {name!r}: its state does not load back: {_reason(error)}") from error
 
 
+def load_known_states(plugins: Mapping[str, RunPlugin], states: Mapping[str, dict[str, Any]]) -> None:
+    """:func:`load_states` for those that have a state there; the others stay as they were built."""
+    load_states({name: plugin for name, plugin in plugins.items() if name in states}, states)
+
+
 def check_states(
-    methods: Mapping[str, Method],
-    chain: tuple[MethodSpec, ...],
-    options: Mapping[str, Mapping[str, Any]],
-    setup: MethodSetup,
+    plugins: Mapping[str, RunPlugin], anew: Callable[[], Mapping[str, RunPlugin]], device: torch.device
 ) -> None:
-    """Whether what the methods keep can be stored, and loads into methods built anew; draws nothing.
+    """Whether what is kept can be stored, and loads into objects built anew; draws nothing.
 
     Args:
-        methods: of a run, just built.
-        chain, options, setup: what they were built from.
+        plugins: of a run, just built.
+        anew: builds them once more.
+        device: where they live.
 
     Raises:
         PluginError: it cannot, or does not.
     """
-    states = method_states(methods)
+    states = states_of(plugins)
     if not any(states.values()):
         return
-    devices = [setup.device] if setup.device.type == "cuda" else []
+    devices = [device] if device.type == "cuda" else []
     with torch.random.fork_rng(devices=devices):
-        load_method_states(build_methods(chain, options, setup), stored_and_read(states))
+        load_states(anew(), stored_and_read(states))
 
 
 def stored_and_read(states: Mapping[str, Any]) -> dict[str, Any]:
@@ -101,6 +103,8 @@ def unstorable(value: Any, path: str) -> tuple[str, str] | None:
         return path, "tensor with a graph"
     if type(value) in _PLAIN:
         return None
+    if isinstance(value, (np.ndarray, np.generic)):  # it would come back as a tensor, or a plain number
+        return path, "numpy array" if isinstance(value, np.ndarray) else "numpy number"
     if isinstance(value, Mapping):
         inner = [(f"{path}[{key!r}]", item) for key, item in value.items()]
         inner += [(f"{path}: key {key!r}", key) for key in value if type(key) not in _PLAIN]

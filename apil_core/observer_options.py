@@ -1,0 +1,74 @@
+"""Observers switched on where a policy is scored: defences, say, that its training did not know of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pydantic import ValidationError, create_model
+
+from apil_core.config import RunConfig, Section
+from apil_core.config_errors import problems_of, raise_problems
+from apil_core.config_layers import Key, Layer, merge, set_layer
+from apil_core.config_models import options_model
+from apil_core.errors import ConfigError, UnknownNameError
+from apil_core.plugins import PluginRegistry
+from apil_core.specs import titled
+
+Observers = Mapping[str, Mapping[str, Any]]
+"""Names of observers, each with options that differ from its defaults."""
+
+
+def with_observers(
+    config: RunConfig, plugins: PluginRegistry, observers: Observers, sets: Sequence[str] = ()
+) -> RunConfig:
+    """A copy of ``config`` with further observers at the end, and all of their options spelt out.
+
+    Args:
+        config: a run's.
+        plugins: offer the observers.
+        observers: those to switch on.
+        sets: ``options.NAME.KEY=VALUE`` texts about them; they have the last word.
+
+    Raises:
+        UnknownNameError: there is no such observer.
+        ConfigError: it is on already, or its options are wrong: one line per mistake.
+    """
+    known = plugins.observer_names()
+    for name in observers:
+        if name not in known:
+            raise UnknownNameError("observer", name, known)
+        if name in config.observers:
+            raise ConfigError(f"observer {name!r}: the adversary's run has it switched on already")
+    specs = [plugins.observers[name] for name in observers if name in plugins.observers]
+    fields: Any = {s.name: (options_model(s.config, titled(s)), ...) for s in specs if s.config}
+    section = create_model("ObserverOptions", __base__=Section, **fields)
+    model = create_model("Settings", __base__=Section, options=(section, ...))
+    given = {name: dict(values) for name, values in observers.items() if values or name in fields}
+    origins: dict[Key, str] = {("options", name): "observers" for name in given}
+    data, written = merge({}, [Layer({"options": given}, origins), *map(set_layer, sets)])
+    try:
+        checked = model.model_validate(data)
+    except ValidationError as error:
+        raise_problems(problems_of(error, model), written)
+        raise
+    options = checked.model_dump(mode="json")["options"]
+    return config.model_copy(
+        update={
+            "observers": (*config.observers, *observers),
+            "options": {**config.options, **options},
+        },
+        deep=True,
+    )
+
+
+def about(observers: Observers, sets: Sequence[str]) -> tuple[list[str], list[str]]:
+    """The ``KEY=VALUE`` texts about options of these observers, and the others."""
+    starts = tuple(f"options.{name}." for name in observers)
+    theirs = [text for text in sets if text.strip().startswith(starts)]
+    return theirs, [text for text in sets if text not in theirs]
+
+
+def observers_played(config: RunConfig) -> dict[str, dict[str, Any]]:
+    """The observers of a configuration, each with its options."""
+    return {name: config.options.get(name, {}) for name in config.observers}
