@@ -63,4 +63,5 @@ def beside(registry: PluginRegistry, method: MethodSpec) -> None:
     follower = MethodSpec(FOLLOWER, f"{__name__}:Follower", requires=(method.name,))
     registry.methods[FOLLOWER] = follower
     registry.modules[OBSERVER] = module
-    registry.records.append(PluginRecord(OBSERVER, "", f"module {__name__}"))
+    record = PluginRecord(OBSERVER, "", f"module {__name__}", hooks=("filter_observation",))
+    registry.records.append(record)
