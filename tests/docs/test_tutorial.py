@@ -6,19 +6,17 @@ and as printed, in an environment of its own (slow).
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import subprocess
 import sys
-import venv
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from docs.conftest import Apil
-from docs.pages import ROOT, Block, blocks
+from docs.following import changed, follow, own_environment
+from docs.pages import ROOT, blocks
 
 FOLDER = ROOT / "docs" / "tutorial"
 PAGES = sorted(FOLDER.glob("*.md"))
@@ -37,40 +35,9 @@ FEWER = {
 SLOW_ONLY = (["bench"], ["play"], ["crossplay"])
 """Commands that start processes of their own, or draw."""
 
-Shell = Callable[[str], None]
-
 
 def name_of(page: Path) -> str:
     return page.stem
-
-
-def changed(text: str, diff: str) -> str:
-    """``text`` with a ``diff`` block applied; its old lines must stand there exactly once."""
-    lines = diff.splitlines()
-    assert all(line[:1] in ("+", "-", " ") for line in lines), diff
-    old = "".join(f"{line[1:]}\n" for line in lines if line[0] in "- ")
-    new = "".join(f"{line[1:]}\n" for line in lines if line[0] in "+ ")
-    found = list(re.finditer(f"^{re.escape(old)}", text, re.M))
-    assert len(found) == 1, f"not there, or more than once:\n{old}"
-    return text[: found[0].start()] + new + text[found[0].end() :]
-
-
-def commands(block: Block) -> list[str]:
-    joined = block.text.replace("\\\n", " ")
-    return [line for line in (line.split(" #")[0].strip() for line in joined.splitlines()) if line]
-
-
-def follow(page: Path, folder: Path, shell: Shell) -> None:
-    """Do what the page says, from top to bottom."""
-    for block in blocks(page):
-        if block.kind == "write":
-            (folder / block.arguments[0]).write_text(block.text)
-        elif block.kind == "change":
-            file = folder / block.arguments[0]
-            file.write_text(changed(file.read_text(), block.text))
-        elif block.kind == "shell":
-            for command in commands(block):
-                shell(command)
 
 
 def test_there_is_something_to_follow() -> None:
@@ -157,28 +124,13 @@ def install(project: Path, site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_a_tutorial_works_as_printed(tmp_path: Path, page: Path) -> None:
-    """In an environment of its own that sees this one's packages; pip builds with what is installed."""
-    home = tmp_path / "env"
-    venv.create(home, with_pip=False)
-    (site,) = (home / "lib").glob("python*/site-packages")
-    parents = [path for path in sys.path if path.endswith("site-packages")]
-    (site / "parents.pth").write_text("".join(f"import site; site.addsitedir({p!r})\n" for p in parents))
-    program = home / "bin" / "apil"
-    program.write_text(f"#!{home}/bin/python\nimport sys\nfrom apil_core.cli import main\nsys.exit(main())\n")
-    program.chmod(0o755)
     work = tmp_path / "work"
     work.mkdir()
-    environment = {
-        **os.environ,
-        "PATH": f"{home / 'bin'}{os.pathsep}{os.environ['PATH']}",
-        "APIL_CACHE": str(tmp_path / "cache"),
-        "PIP_NO_BUILD_ISOLATION": "0",  # pip reads this switch as "no isolation"
-        "PIP_NO_DEPS": "1",
-    }
+    own = own_environment(tmp_path)
 
     def shell(command: str) -> None:
         done = subprocess.run(
-            command, shell=True, cwd=work, env=environment, capture_output=True, text=True, check=False
+            command, shell=True, cwd=work, env=own, capture_output=True, text=True, check=False
         )
         assert done.returncode == 0, f"{command}\n{done.stdout[-3000:]}{done.stderr[-3000:]}"
 
