@@ -22,6 +22,16 @@ PLAIN, BLINDED = "plain", "blinded"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 
+def check_name(name: str, where: str) -> None:
+    """Whether a score can be called so: its file is.
+
+    Raises:
+        ValueError: it cannot.
+    """
+    if not _NAME.fullmatch(name):
+        raise ValueError(f"{where}: a name is made of letters, digits and . _ -")
+
+
 def _one_or_more(value: Any) -> Any:
     return value if isinstance(value, (list, tuple)) else (value,)
 
@@ -168,8 +178,7 @@ class Matrix(Section):
         if PLAIN not in self.scores:
             raise ValueError(f"scores needs {PLAIN!r}: table 1 is made of it")
         for name in self.scores:
-            if not _NAME.fullmatch(name):
-                raise ValueError(f"scores.{name}: a name is made of letters, digits and . _ -")
+            check_name(name, f"scores.{name}")
         self._check_games()
         self._check_game_axes()
         return self

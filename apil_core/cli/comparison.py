@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pydantic import BaseModel
@@ -29,6 +29,7 @@ class Row(BaseModel):
     status: str
     episodes: int = 0
     action_modes: str = ""
+    observers: str = ""
     win: Rate | None = None
     win_or_tie: Rate | None = None
     win_difference: Difference | None = None
@@ -83,6 +84,7 @@ def _row(run: RunDir, score: EvaluationResult | None) -> Row:
         facts = {
             "episodes": score.episodes,
             "action_modes": f"{score.adversary_actions}/{score.victim_actions}",
+            "observers": ", ".join(f"{name} {_said(o)}".strip() for name, o in score.observers.items()),
             "win": score.win_rate,
             "win_or_tie": score.win_or_tie_rate,
         }
@@ -97,6 +99,11 @@ def _row(run: RunDir, score: EvaluationResult | None) -> Row:
         status=summary["status"],
         **facts,
     )
+
+
+def _said(options: Mapping[str, Any]) -> str:
+    """Options in brackets, or nothing."""
+    return f"({', '.join(f'{key}={value}' for key, value in options.items())})" if options else ""
 
 
 def _spreads(runs: Sequence[RunDir], rows: Sequence[Row]) -> list[Spread]:
@@ -129,8 +136,8 @@ def _spreads(runs: Sequence[RunDir], rows: Sequence[Row]) -> list[Spread]:
 def _warnings(rows: Sequence[Row]) -> list[str]:
     scored = [row for row in rows if row.win is not None]
     warnings = [f"{row.run} has no final evaluation ({row.status})" for row in rows if row.win is None]
-    for name in ("env", "victim", "action_modes", "steps"):
-        values = sorted({str(getattr(row, name)) for row in scored})
+    for name in ("env", "victim", "action_modes", "observers", "steps"):
+        values = sorted({str(getattr(row, name)) or "none" for row in scored})
         if len(values) > 1:
             warnings.append(f"runs differ in {name.replace('_', ' ')}: {', '.join(values)}")
     return warnings

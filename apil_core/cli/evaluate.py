@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
@@ -40,6 +41,13 @@ def evaluate(
     ] = None,
     threads: Annotated[int, Parameter(help="Physics threads; 0: all CPUs. Never changes results.")] = 0,
     device: Annotated[str, Parameter(help="Where the networks live: cpu, cuda or cuda:N.")] = "cpu",
+    keep: Annotated[
+        str | None,
+        Parameter(
+            metavar="NAME",
+            help="Keep the score with the run, as RUN/scores/NAME.json, where apil bench report finds it.",
+        ),
+    ] = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
@@ -49,6 +57,7 @@ def evaluate(
     """
     from apil_core.evaluator import evaluate as score
 
+    folder = None if keep is None else _keeping(adversary, keep)
     flags = flags or PairingFlags()
     options: PairingOptions = {**flags.options(), "threads": threads, "device": device}
     with make_progress(quiet=quiet) as progress:
@@ -62,7 +71,31 @@ def evaluate(
             progress=progress,
             **options,
         )
+    if keep is not None and folder is not None:
+        from apil_core.bench.folder import write_score
+
+        write_score(folder, keep, result)
     if as_json:
         print_json(result)
     else:
         print_score(result)
+
+
+def _keeping(adversary: str, name: str) -> Path:
+    """The run's directory, where a score of that name can be kept; before any game is played.
+
+    Raises:
+        ConfigError: there is no run, or the name is none.
+    """
+    from apil_core.bench.matrix import check_name
+    from apil_core.errors import ConfigError
+    from apil_core.trained import Source, run_path
+
+    try:
+        check_name(name, f"--keep {name}")
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    path = run_path(adversary)
+    if path is None:
+        raise ConfigError(f"--keep: {adversary} is no run, so there is nowhere to keep its score; use --json")
+    return Source.find(path).run_dir.path

@@ -96,3 +96,59 @@ def test_a_game_that_names_no_channels_cannot_be_blinded(apil: Apil, tmp_path: P
     done = apil("eval", "baseline:random/2x1", *flags)
     assert (done.code, len(done.err.splitlines())) == (2, 1)
     assert "cannot blind the right: game 'coin' does not say which of its observation's channels" in done.err
+
+
+def test_a_score_is_kept_with_its_run(apil: Apil, trained: Path) -> None:
+    done = apil("eval", trained, "--episodes", "20", "--quiet", "--json", "--keep", "again")
+    assert done.code == 0, done.err
+    assert json.loads((trained / "scores" / "again.json").read_text()) == json.loads(done.out)
+
+
+@pytest.mark.parametrize(
+    ("who", "name", "message"),
+    [
+        (
+            RANDOM[0],
+            "a",
+            "--keep: baseline:random/7x2 is no run, so there is nowhere to keep its score; use --json",
+        ),
+        (RANDOM[0], "a/b", "--keep a/b: a name is made of letters, digits and . _ -"),
+    ],
+)
+def test_a_score_that_cannot_be_kept_is_one_line(apil: Apil, who: str, name: str, message: str) -> None:
+    done = apil("eval", who, *RANDOM[1:], "--keep", name)
+    assert (done.code, done.out, done.err) == (2, "", f"apil: {message}\n")
+
+
+DIM = """
+from apil_core import Observer, ObserverSpec, Section, hookimpl
+
+APIL_HOOK_API = 1
+
+
+class Options(Section):
+    by: float = 0.5
+
+
+class Dim(Observer):
+    @hookimpl
+    def filter_observation(self, context, obs):
+        return obs * self.options.by if context.role == "victim" else None
+
+
+@hookimpl
+def register_observers():
+    return [ObserverSpec("dim", f"{__name__}:Dim", "dims the victim's view", config=f"{__name__}:Options")]
+"""
+
+
+def test_an_observer_is_switched_on_and_shown(apil: Apil, tmp_path: Path) -> None:
+    (tmp_path / "dimmer.py").write_text(DIM)
+    flags = ("--plugin", tmp_path / "dimmer.py", "--observer", "dim", "--set", "options.dim.by=0")
+    done = apil("eval", *RANDOM, *flags, "--json")
+    assert done.code == 0, done.err
+    assert json.loads(done.out)["observers"] == {"dim": {"by": 0.0}}
+    assert "observer   dim: by 0.0" in apil("eval", *RANDOM, *flags).out
+    assert "dims the victim's view" in apil("observers", *flags[:2]).out
+    wrong = apil("eval", *RANDOM, *flags[:-1], "options.dim.buy=0")
+    assert wrong.err == "apil: --set options.dim.buy=0: unknown key (did you mean 'by'?)\n"
