@@ -1,8 +1,8 @@
-"""Turns run directories into the tables and the picture of ``docs/first-runs.md``.
+"""Turns run directories, one of each method, into the tables and the picture of a page about them.
 
-    python docs/make_first_runs.py runs/adrl runs/apl runs/apil runs/e_apil > tables.md
+    python docs/make_runs.py docs/images/first-runs.png runs/adrl runs/apl runs/apil runs/e_apil > tables.md
 
-Prints Markdown; writes ``docs/images/first-runs.png``.
+Prints Markdown; writes the picture. Scores kept with a run (``apil eval --keep NAME``) are rows of their own.
 """
 
 from __future__ import annotations
@@ -11,16 +11,34 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from apil_core.bench.folder import read_score
 from apil_core.curve_groups import read_groups
 from apil_core.curve_picture import draw_curves
 from apil_core.recorders import read_metrics
 from apil_core.rundir import RunDir
 
-HERE = Path(__file__).parent
-
 
 def read(run: RunDir) -> tuple[list[dict[str, float]], dict[str, Any]]:
-    return read_metrics(run.metrics_path), run.result() or {}
+    """Metrics, and the result with further ``scores`` in the form of its ``evaluation``."""
+    kept = {
+        path.stem: read_score(run.path, path.stem) for path in sorted((run.path / "scores").glob("*.json"))
+    }
+    scores = {name: score.model_dump(mode="json") for name, score in kept.items()}
+    return read_metrics(run.metrics_path), {**(run.result() or {}), "scores": scores}
+
+
+def scored(
+    runs: dict[str, tuple[list[dict[str, float]], dict[str, Any]]],
+) -> list[tuple[str, dict[str, Any], dict[str, Any]]]:
+    """Label, result and score of every row."""
+    return [
+        (label, result, score)
+        for method, (_, result) in runs.items()
+        for label, score in [
+            (method, result["evaluation"]),
+            *((f"{method}, {name}", score) for name, score in result["scores"].items()),
+        ]
+    ]
 
 
 def percent(rate: dict[str, float]) -> str:
@@ -30,17 +48,16 @@ def percent(rate: dict[str, float]) -> str:
 def evaluation_table(runs: dict[str, tuple[list[dict[str, float]], dict[str, Any]]]) -> None:
     print("| method | steps | win % | win+tie % | loss % | mean length | training time |")
     print("|---|---|---|---|---|---|---|")
-    for method, (_, result) in runs.items():
-        score = result["evaluation"]
+    for label, result, score in scored(runs):
         print(
-            f"| {method} | {result['steps']:,} | {percent(score['win_rate'])} "
+            f"| {label} | {result['steps']:,} | {percent(score['win_rate'])} "
             f"| {percent(score['win_or_tie_rate'])} | {percent(score['loss_rate'])} "
             f"| {score['mean_length']:.0f} | {result['wall_seconds'] / 60:.1f} min |"
         )
     print("\n| method | how the games ended |\n|---|---|")
-    for method, (_, result) in runs.items():
-        causes = sorted(result["evaluation"]["causes"].items(), key=lambda item: -item[1])
-        print(f"| {method} | {', '.join(f'{name} {count}' for name, count in causes)} |")
+    for label, _, score in scored(runs):
+        causes = sorted(score["causes"].items(), key=lambda item: -item[1])
+        print(f"| {label} | {', '.join(f'{name} {count}' for name, count in causes)} |")
 
 
 def curve_table(runs: dict[str, tuple[list[dict[str, float]], dict[str, Any]]], rows: int = 6) -> None:
@@ -81,13 +98,15 @@ def imitator_table(runs: dict[str, tuple[list[dict[str, float]], dict[str, Any]]
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("picture", type=Path)
     parser.add_argument("runs", nargs="+", type=Path)
-    paths = parser.parse_args().runs
-    runs = {path.name: read(RunDir(path)) for path in paths}
+    flags = parser.parse_args()
+    found = [RunDir(path) for path in flags.runs]
+    runs = {run.config().method: read(run) for run in found}
     evaluation_table(runs)
     curve_table(runs)
     imitator_table(runs)
-    draw_curves(read_groups([RunDir(path) for path in paths]), HERE / "images" / "first-runs.png")
+    draw_curves(read_groups(found), flags.picture)
 
 
 if __name__ == "__main__":
