@@ -1,7 +1,7 @@
 """A trained adversary in one safetensors file: weights, statistics and methods' state, and what it needs.
 
-Nothing in it is code. Loading builds the adversary from the plugins that are installed, so the plugin of
-its method must be among them.
+Nothing in it is code. Loading builds the adversary from the plugins that are installed, so those of its
+method and of its observers must be among them.
 """
 
 from __future__ import annotations

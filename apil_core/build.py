@@ -16,7 +16,7 @@ from apil_core.game import Game, GameLayout
 from apil_core.game_env import AttackEnv
 from apil_core.learner import Actor, Learner
 from apil_core.method import Method, MethodSetup, Observer, RunPlugin
-from apil_core.plugin_state import check_states, load_known_states, load_states
+from apil_core.plugin_state import check_states, load_states
 from apil_core.plugins import PluginRegistry
 from apil_core.policy import Policy, PolicyInfo
 from apil_core.registry import build_methods, build_observers, game_spec, make_game
@@ -90,7 +90,7 @@ def observing(config: RunConfig, plugins: PluginRegistry, setup: MethodSetup) ->
     known = plugins.observer_names()
     for name in config.observers:
         if name not in known:
-            raise ConfigError(f"observers: no working plugin named {name!r}")
+            raise ConfigError(f"observers: {name!r} is no observer here; apil observers lists them")
     registered = [plugins.observers[name] for name in config.observers if name in plugins.observers]
     built = build_observers(registered, config.options, setup)
     return {name: built[name] if name in built else plugins.modules[name] for name in config.observers}
@@ -107,9 +107,7 @@ def observing_alone(
     if not config.observers:
         return None
     setup = method_setup(config, layout, side, torch.device(config.device))
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(config.seed)
-        hooks = RunHookManager((), observing(config, plugins, setup))
+    hooks = RunHookManager((), observing(config, plugins, setup))
     hooks.device = setup.device
     return hooks
 
@@ -223,7 +221,9 @@ def adversary_policy(
     device = torch.device(config.device)
     methods, hooks = build_hooks(config, plugins, method_setup(config, layout, side, device))
     load_states(methods, state["methods"])
-    load_known_states(hooks.of(Observer), state.get("observers", {}))  # older ones lack the key
+    trained_with = state.get("config", {}).get("observers", ())  # others are switched on for this use only
+    kept, observers = state.get("observers", {}), hooks.of(Observer)
+    load_states({name: o for name, o in observers.items() if name in kept or name in trained_with}, kept)
     builder = ObservationBuilder(hooks, config.ppo.observation_clip)
     sizes: dict[str, int] = state["groups"]
     builder.add_normalizers(sizes, device)

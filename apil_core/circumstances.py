@@ -43,8 +43,8 @@ class Circumstances(BaseModel):
     game_options: dict[str, Any]
     game_settings: dict[str, Any] = {}
     """What the options came to where a physics profile filled them in; scores from before have none."""
-    observers: dict[str, dict[str, Any]] = {}
-    """What was switched on beside the method, a defence of the victim, say, with its options."""
+    observers: dict[str, dict[str, Any]] | None = None
+    """What was switched on beside the method, with its options; ``None`` in scores from before they told."""
     versions: dict[str, str]
 
     @property

@@ -184,11 +184,13 @@ def _unknown_names(data: Mapping[str, Any], plugins: PluginRegistry) -> list[Pro
             problems += [] if fine else [unknown_name((key,), kind, value, known)]
         elif isinstance(value, (list, tuple)):
             for i, name in enumerate(value):
+                if not isinstance(name, str):
+                    continue  # the model says so
                 if key == "observers" and name in plugins.modules and name not in known:
                     reason = f"plugin {name!r} fills no run hook: there is nothing to switch on"
                     problems.append(Problem((key, i), reason))
                 elif name not in known:
-                    problems.append(unknown_name((key, i), kind, str(name), known))
+                    problems.append(unknown_name((key, i), kind, name, known))
                 elif name in value[:i]:
                     problems.append(Problem((key, i), f"{name!r} is named twice"))
     device = data["device"]

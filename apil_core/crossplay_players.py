@@ -11,6 +11,7 @@ from apil_core.circumstances import Circumstances, PolicyId, circumstances
 from apil_core.config import ActionMode, RunConfig
 from apil_core.crossplay_document import Player
 from apil_core.errors import ConfigError, RunDirError
+from apil_core.observer_options import in_words
 from apil_core.pairing import Pairing, load_pairing
 from apil_core.plugins import PluginRegistry
 from apil_core.profiles import Profile
@@ -142,6 +143,7 @@ def _game(each: Circumstances) -> dict[str, Any]:
         "adversary_actions": each.adversary_actions,
         "victim_actions": each.victim_actions,
         "adversary_side": each.adversary_side,
+        **({"observers": ", ".join(in_words(each.observers))} if each.observers else {}),
         **{f"game.{key}": value for key, value in played.items() if key != "physics"},
     }
 
@@ -152,9 +154,10 @@ def _check_same_game(met: Sequence[tuple[str, Circumstances]]) -> None:
         here, there = _game(base), _game(each)
         for key in dict.fromkeys([*here, *there]):
             if here.get(key) != there.get(key):
+                advice = "leave one out" if key == "observers" else f"say which with {_flag(key)}"
                 raise ConfigError(
                     f"players would not play in the same game: {first} has {key} {here.get(key)}, {label} "
-                    f"has {there.get(key)}; say which with {_flag(key)}"
+                    f"has {there.get(key)}; {advice}"
                 )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import ValidationError, create_model
 
@@ -14,6 +14,11 @@ from apil_core.config_models import options_model
 from apil_core.errors import ConfigError, UnknownNameError
 from apil_core.plugins import PluginRegistry
 from apil_core.specs import titled
+
+if TYPE_CHECKING:
+    from apil_core.circumstances import Circumstances
+
+_Score = TypeVar("_Score", bound="Circumstances")
 
 Observers = Mapping[str, Mapping[str, Any]]
 """Names of observers, each with options that differ from its defaults."""
@@ -35,7 +40,11 @@ def with_observers(
         ConfigError: it is on already, or its options are wrong: one line per mistake.
     """
     known = plugins.observer_names()
-    for name in observers:
+    if not isinstance(observers, Mapping):
+        raise ConfigError("observers: must be a mapping of names to options, e.g. {'masked_observation': {}}")
+    for name, values in observers.items():
+        if not isinstance(values, Mapping):
+            raise ConfigError(f"observers.{name}: should be a section of keys and values, got {values!r}")
         if name not in known:
             raise UnknownNameError("observer", name, known)
         if name in config.observers:
@@ -64,9 +73,28 @@ def with_observers(
 
 def about(observers: Observers, sets: Sequence[str]) -> tuple[list[str], list[str]]:
     """The ``KEY=VALUE`` texts about options of these observers, and the others."""
-    starts = tuple(f"options.{name}." for name in observers)
-    theirs = [text for text in sets if text.strip().startswith(starts)]
+    theirs = [text for text in sets if _owner(text) in observers]
     return theirs, [text for text in sets if text not in theirs]
+
+
+def _owner(assignment: str) -> str:
+    """Whose option a ``options.NAME…=VALUE`` is, or nothing."""
+    section, _, rest = assignment.partition("=")[0].strip().partition(".")
+    return rest.partition(".")[0] if section == "options" else ""
+
+
+def told(score: _Score, config: RunConfig) -> _Score:
+    """``score`` of a run, with its observers filled in where it is from before scores told them."""
+    known = score.observers is not None
+    return score if known else score.model_copy(update={"observers": observers_played(config)})
+
+
+def in_words(observers: Observers) -> list[str]:
+    """One text for each, e.g. ``masked_observation (way=mean, share=0.5)``."""
+    return [
+        f"{name} ({', '.join(f'{key}={value}' for key, value in options.items())})" if options else name
+        for name, options in observers.items()
+    ]
 
 
 def observers_played(config: RunConfig) -> dict[str, dict[str, Any]]:

@@ -54,6 +54,10 @@ def load_states(plugins: Mapping[str, RunPlugin], states: Mapping[str, dict[str,
         PluginError: one does not take it.
     """
     for name, plugin in plugins.items():
+        if name not in states:
+            raise PluginError(
+                f"plugin {name!r}: the checkpoint has no state of it; it was written without it"
+            )
         try:
             plugin.load_state_dict(states[name])
         except ApilError:

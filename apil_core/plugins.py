@@ -80,7 +80,7 @@ class PluginRegistry:
             record.hook_api = stated_version(plugin)
             check_version(record.name, record.hook_api)
             offers = _ask(record, plugin)
-            self._check_duplicates(offers)
+            self._check_duplicates(record, offers)
         except Exception as error:
             self._reject(record, error)
             return
@@ -135,7 +135,7 @@ class PluginRegistry:
 
     def observer_names(self) -> list[str]:
         """What ``observers`` may name: registered ones, and plugins that fill run hooks themselves."""
-        modules = [r.name for r in self.records if r.error is None and set(r.hooks) & vars(RunHooks).keys()]
+        modules = [r.name for r in self.records if r.error is None and _fills_run_hooks(r)]
         return list(dict.fromkeys([*self.observers, *modules]))
 
     def run_plugins(self, method: str, observers: Iterable[str]) -> tuple[RunPluginSpec, ...]:
@@ -172,7 +172,10 @@ class PluginRegistry:
             self._visit(required, chain, (*path, name))
         chain[name] = self.methods[name]
 
-    def _check_duplicates(self, offers: dict[str, dict[str, Any]]) -> None:
+    def _check_duplicates(self, record: PluginRecord, offers: dict[str, dict[str, Any]]) -> None:
+        watching = {r.name for r in (*self.records, record) if not r.error and _fills_run_hooks(r)}
+        for name in sorted(watching & {*self.observers, *offers["observers"]}):
+            raise PluginError(f"observer {name!r} has the name of a plugin that fills run hooks itself")
         for name in offers["observers"]:
             if name in self.methods or name in offers["methods"]:
                 raise PluginError(
@@ -197,6 +200,11 @@ class PluginRegistry:
             raise PluginError(
                 f"plugin {record.name!r} ({record.origin}) is broken: {record.error}"
             ) from error
+
+
+def _fills_run_hooks(record: PluginRecord) -> bool:
+    """Whether the plugin's module can be switched on as an observer."""
+    return bool(set(record.hooks) & vars(RunHooks).keys())
 
 
 def _ask(record: PluginRecord, plugin: Any) -> dict[str, dict[str, Any]]:

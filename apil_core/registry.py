@@ -142,14 +142,23 @@ def build_observers(
 ) -> dict[str, Observer]:
     """Make the observer objects of a run; all get the same ``setup``.
 
+    Each draws its weights from a stream of its own, so that they are the same wherever it is switched on,
+    and nobody else's change with it.
+
     Raises:
         PluginError: a factory fails or gives something that is no ``Observer``.
     """
+    import torch
+
     from apil_core.method import Observer
+    from apil_core.seeds import stream_seed
 
     built: dict[str, Observer] = {}
+    devices = [setup.device] if setup.device.type == "cuda" else []
     for spec in specs:
-        made = _made(spec, options, setup)
+        with torch.random.fork_rng(devices=devices):
+            torch.manual_seed(stream_seed(setup.seed, f"observer {spec.name}"))
+            made = _made(spec, options, setup)
         if not isinstance(made, Observer):
             raise _no("Observer", spec, made)
         built[spec.name] = made

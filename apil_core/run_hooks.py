@@ -213,7 +213,13 @@ class RunHookManager:
             raise PluginError(f"plugin {spec.name!r} cannot be used: {reason}") from error
 
     def _register(self, name: str, plugin: Any) -> None:
+        from apil_core.method import Observer
+
         try:
+            if isinstance(plugin, Observer):  # beside any method: it must not need what only one opens
+                alone = pluggy.PluginManager(PROJECT)
+                alone.add_hookspecs(RunHooks)
+                register(alone, name, plugin)
             register(self.manager, name, plugin)
         except PluginError as error:
             raise PluginError(f"plugin {name!r} cannot be used: {error}") from error

@@ -93,13 +93,15 @@ class Session:
 
     @property
     def _hook(self) -> Any:
-        """Caller of hooks on the run's course: observers, who may print and write, hear of it once."""
-        attack = self.trainer.attack
+        """Caller of hooks on the run's course: plugin modules, who may print and write, hear of it once.
+
+        What keeps a state hears of it in every process, lest the states differ.
+        """
+        hooks = self.trainer.attack.hooks
         if self.world.is_main:
-            return attack.hooks.hook
-        return attack.hooks.without(
-            [plugin for name, plugin in attack.hooks.plugins.items() if name not in attack.methods]
-        )
+            return hooks.hook
+        stateful = hooks.of(RunPlugin)
+        return hooks.without([plugin for name, plugin in hooks.plugins.items() if name not in stateful])
 
     @property
     def _goes_on(self) -> bool:

@@ -217,7 +217,7 @@ def matches(result: Any, wanted: ScoreConfig, cell: Cell, trained: int | None) -
     ``trained`` is ``None`` for the baseline, which has no run and so no run's observers.
     """
     from apil_core.game_options import stored_physics
-    from apil_core.observer_options import observers_played
+    from apil_core.observer_options import observers_played, told
 
     if result is None:
         return False
@@ -235,7 +235,7 @@ def matches(result: Any, wanted: ScoreConfig, cell: Cell, trained: int | None) -
     played = (
         result.episodes,
         result.blind,
-        result.observers,
+        (result if trained is None else told(result, cell.config)).observers or {},
         result.physics,
         result.adversary_actions,
         result.victim_actions,

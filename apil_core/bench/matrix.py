@@ -184,8 +184,15 @@ class Matrix(Section):
         return self
 
     def _check_game_axes(self) -> None:
-        """Who would be played against whom in which variant of the game is not for us to guess."""
-        games = [key for key in self.axes if key.partition(".")[0] == "game"]
+        """Who would be played against whom in which variant of the game is not for us to guess.
+
+        What observers do to the sides' eyes is part of it.
+        """
+        observers = self.config.get("observers")
+        watched = (
+            tuple(f"options.{name}." for name in observers) if isinstance(observers, (list, tuple)) else ()
+        )
+        games = [key for key in self.axes if key.startswith(("game.", *watched)) or key == "observers"]
         for stage in ("crossplay", "activations"):
             if games and stage in self.stages:
                 raise ValueError(f"{stage} needs one game for all its players: leave out axes.{games[0]}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from pydantic import BaseModel
@@ -12,6 +12,7 @@ from apil_core.difference import Difference, difference
 from apil_core.evaluation import EvaluationResult, Rate
 from apil_core.final_score import final_score
 from apil_core.game_options import stored_game, stored_physics
+from apil_core.observer_options import in_words, told
 from apil_core.rundir import RunDir
 from apil_core.same_attack import seed_groups
 
@@ -84,7 +85,7 @@ def _row(run: RunDir, score: EvaluationResult | None) -> Row:
         facts = {
             "episodes": score.episodes,
             "action_modes": f"{score.adversary_actions}/{score.victim_actions}",
-            "observers": ", ".join(f"{name} {_said(o)}".strip() for name, o in score.observers.items()),
+            "observers": ", ".join(in_words(told(score, config).observers or {})),
             "win": score.win_rate,
             "win_or_tie": score.win_or_tie_rate,
         }
@@ -99,11 +100,6 @@ def _row(run: RunDir, score: EvaluationResult | None) -> Row:
         status=summary["status"],
         **facts,
     )
-
-
-def _said(options: Mapping[str, Any]) -> str:
-    """Options in brackets, or nothing."""
-    return f"({', '.join(f'{key}={value}' for key, value in options.items())})" if options else ""
 
 
 def _spreads(runs: Sequence[RunDir], rows: Sequence[Row]) -> list[Spread]:

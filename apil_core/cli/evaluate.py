@@ -71,24 +71,27 @@ def evaluate(
             progress=progress,
             **options,
         )
-    if keep is not None and folder is not None:
-        from apil_core.bench.folder import write_score
-
-        write_score(folder, keep, result)
     if as_json:
         print_json(result)
     else:
         print_score(result)
+    if keep is not None and folder is not None:
+        from apil_core.bench.folder import write_score
+
+        write_score(folder, keep, result)
 
 
 def _keeping(adversary: str, name: str) -> Path:
     """The run's directory, where a score of that name can be kept; before any game is played.
 
     Raises:
-        ConfigError: there is no run, or the name is none.
+        ConfigError: there is no run, the name is none, or taken.
+        ApilError: nothing can be written there.
     """
-    from apil_core.bench.matrix import check_name
+    from apil_core.bench.folder import score_path
+    from apil_core.bench.matrix import PLAIN, check_name
     from apil_core.errors import ConfigError
+    from apil_core.files import check_place
     from apil_core.trained import Source, run_path
 
     try:
@@ -98,4 +101,11 @@ def _keeping(adversary: str, name: str) -> Path:
     path = run_path(adversary)
     if path is None:
         raise ConfigError(f"--keep: {adversary} is no run, so there is nowhere to keep its score; use --json")
-    return Source.find(path).run_dir.path
+    if name == PLAIN:
+        raise ConfigError(f"--keep {name}: that is the score the run ended with; choose another name")
+    folder = Source.find(path).run_dir.path
+    kept = score_path(folder, name)
+    if kept.exists():
+        raise ConfigError(f"--keep {name}: {kept} exists, and no score is overwritten; choose another name")
+    check_place(kept if kept.parent.exists() else kept.parent)
+    return folder

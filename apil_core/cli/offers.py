@@ -73,16 +73,19 @@ def observers(*, plugin: Plugins | None = None, as_json: Json = False) -> None:
 
     Also by apil eval --observer NAME; plugins that fill run hooks themselves are observers, too.
     """
+    from apil_core.specs import ObserverSpec
+
     found = _discover(plugin)
+    of_modules = {
+        name: ObserverSpec(name, "", "run hooks of the plugin of that name") for name in found.modules
+    }
+    specs = [{**of_modules, **found.observers}[name] for name in sorted(found.observer_names())]
     if as_json:
-        specs = [spec for _, spec in sorted(found.observers.items())]
         print_json([asdict(spec) for spec in specs])
         return
     rows = table("observer", "what it does", "reference")
-    for name in sorted(found.observer_names()):
-        spec = found.observers.get(name)
-        summary = "run hooks of the plugin of that name" if spec is None else spec.summary
-        rows.add_row(name, summary, "" if spec is None else spec.reference)
+    for spec in specs:
+        rows.add_row(spec.name, spec.summary, spec.reference)
     console().print(rows)
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from apil_core.cli.output import console, table
 from apil_core.cli.readout import physics
+from apil_core.observer_options import in_words
 from apil_core.profiles import FAITHFUL
 
 if TYPE_CHECKING:
@@ -50,9 +51,7 @@ def _facts(result: EvaluationResult) -> list[str]:
     if result.blind is not None:
         imitator = ", its methods too" if result.blind_imitator else ""
         facts.append(f"blinded    the adversary does not see its opponent ({result.blind}){imitator}")
-    for name, options in result.observers.items():
-        chosen = ", ".join(f"{key} {value}" for key, value in options.items())
-        facts.append(f"observer   {name}{f': {chosen}' if chosen else ''}")
+    facts += [f"observer   {text}" for text in in_words(result.observers or {})]
     if played := result.options_played:
         facts.append(f"game       {', '.join(f'{key} {value}' for key, value in played.items())}")
     if (hint := true_rules_hint(result)) is not None:

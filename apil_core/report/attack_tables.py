@@ -64,8 +64,8 @@ def _table(setting: Setting, blind: str | None, columns: Sequence[str], rows: li
 
 
 def _changed(key: Key) -> bool:
-    """Whether an option of a method makes it another method than the published one."""
-    return any(name.startswith("options.") for name, _ in key.axes) or key.variant > 0
+    """Whether its methods are others than the published ones."""
+    return key.changes_method or key.variant > 0
 
 
 def _columns(groups: Groups, key: Key, columns: Sequence[str]) -> list[str]:
@@ -105,7 +105,7 @@ def _baseline(
 ) -> EvaluationResult | None:
     """The baseline adversary's score in the very same games; the one of most games if there are several."""
     members = [m for place, ms in groups.cells.items() if (place.key, place.game) == (key, game) for m in ms]
-    played = [(member.score.options_played, member.score.observers) for member in members]
+    played = [(member.score.options_played, member.score.observers or {}) for member in members]
     victims = [member.score.victim for member in members]
     found = [
         score
@@ -115,7 +115,7 @@ def _baseline(
         and score.physics == key.physics
         and score.victim in victims
         and (score.adversary_actions, score.victim_actions) == (key.adversary_actions, key.victim_actions)
-        and (score.options_played, score.observers) in played
+        and (score.options_played, score.observers or {}) in played
     ]
     return max(found, key=lambda score: score.episodes, default=None)
 

@@ -46,7 +46,7 @@ def claims(tables: Sequence[Table], settings: Sequence[Setting]) -> list[Claim]:
     """All claims in every setting whose tables can tell something about them."""
     found = []
     for setting in settings:
-        if any(name.startswith("options.") for name in setting.axes):
+        if setting.changes_method:
             continue  # an ablation's: no method of the paper
         own = [table for table in tables if table.setting == setting.id]
         for seeing in (table for table in own if table.number == 1):

@@ -326,6 +326,7 @@ def _setting(name: str, block: Block) -> Setting:
         adversary_actions=block.adversary_actions,
         victim_actions=block.victim_actions,
         axes=dict(block.axes),
+        changes_method=any(name.startswith("options.") for name in dict(block.axes)),
         notes=notes,
         matches_published=not notes,
     )

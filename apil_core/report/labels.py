@@ -38,7 +38,7 @@ def _in_order(groups: Groups) -> list[Key]:
     return sorted(
         cells,
         key=lambda key: (
-            *(not cells[key], key.variant, len(key.axes), len(key.other)),
+            *(not cells[key], key.variant, len(key.scored_with), len(key.axes), len(key.other)),
             *(-cells[key], -(key.steps or 0), key.physics != FAITHFUL),
         ),
     )
@@ -54,6 +54,7 @@ def _texts(key: Key, groups: Groups) -> dict[str, str]:
         "actions": f"actions {_modes(key.adversary_actions, key.victim_actions)}",
         "axes": _assignments(key.axes),
         "other": _assignments(key.other),
+        "scored_with": ", ".join(f"{name} ({options})" for name, options in key.scored_with),
         "variant": groups.variants.get(key, ""),
     }
 
@@ -81,6 +82,7 @@ def _setting(name: str, label: str, key: Key, texts: dict[str, str]) -> Setting:
         key.steps, key.trained, key.physics, key.victim, key.adversary_actions, key.victim_actions
     )
     notes += [f"Not the defaults: {texts[name]}." for name in ("axes", "other") if texts[name]]
+    notes += [f"The victims were defended in the games: {texts['scored_with']}."] * bool(key.scored_with)
     return Setting(
         id=name,
         label=label or "as measured",
@@ -92,7 +94,8 @@ def _setting(name: str, label: str, key: Key, texts: dict[str, str]) -> Setting:
         victim=key.victim,
         adversary_actions=key.adversary_actions,
         victim_actions=key.victim_actions,
-        axes={**dict(key.axes), **dict(key.other)},
+        axes={**dict(key.axes), **dict(key.other), **dict(key.scored_with)},
+        changes_method=key.changes_method,
         notes=notes,
         matches_published=not notes,
     )

@@ -13,6 +13,7 @@ from apil_core.config_layers import flag_layer
 from apil_core.errors import ApilError
 from apil_core.evaluation import EvaluationResult
 from apil_core.game_options import game_model, profile_keys
+from apil_core.observer_options import in_words, observers_played
 from apil_core.plugins import PluginRegistry, discover
 from apil_core.report.sources import Run
 from apil_core.specs import GameSpec
@@ -45,6 +46,8 @@ class Key:
     Attributes:
         axes: key and value of the settings its benchmark varies, where they are not the default.
         other: key and value of what else differs from the defaults, whatever the method.
+        observers: names of those the training had.
+        scored_with: observers that were switched on for the scored games only, as name and options.
         variant: 0, or counts up where runs of one cell differ in something else still.
     """
 
@@ -56,12 +59,20 @@ class Key:
     victim_actions: str
     axes: tuple[tuple[str, str], ...] = ()
     other: tuple[tuple[str, str], ...] = ()
+    observers: tuple[str, ...] = ()
+    scored_with: tuple[tuple[str, str], ...] = ()
     variant: int = 0
 
     @property
     def training(self) -> Key:
         """The same for all scores of a run: how it was trained."""
-        return replace(self, physics=None, adversary_actions="", victim_actions="")
+        return replace(self, physics=None, adversary_actions="", victim_actions="", scored_with=())
+
+    @property
+    def changes_method(self) -> bool:
+        """Whether an option of a method makes it another one than the published one."""
+        options = (name.split(".")[1] for name, _ in self.axes if name.startswith("options."))
+        return any(owner not in self.observers for owner in options)
 
 
 def key_of(run: Run, score: EvaluationResult | None) -> Key:
@@ -88,20 +99,19 @@ def key_of(run: Run, score: EvaluationResult | None) -> Key:
         adversary_actions=actions[0],
         victim_actions=actions[1],
         axes=tuple((key, str(value)) for key, value in axes.items()),
-        other=(
-            *((key, str(value)) for key, value in _other(config, default).items() if key not in axes),
-            *(_switched_on(config, score) if score is not None else ()),
-        ),
+        other=tuple((key, str(value)) for key, value in _other(config, default).items() if key not in axes),
+        observers=config.observers,
+        scored_with=_scored_with(config, score),
     )
 
 
-def _switched_on(config: RunConfig, score: EvaluationResult) -> list[tuple[str, str]]:
-    """Observers of the scored games that the training did not have, as name and options."""
-    return [
-        (f"scored with {name}", ", ".join(f"{key} {value}" for key, value in options.items()) or "on")
-        for name, options in score.observers.items()
+def _scored_with(config: RunConfig, score: EvaluationResult | None) -> tuple[tuple[str, str], ...]:
+    played = {} if score is None or score.observers is None else score.observers
+    return tuple(
+        (f"scored with {name}", ", ".join(f"{key}={value}" for key, value in options.items()) or "on")
+        for name, options in played.items()
         if name not in config.observers
-    ]
+    )
 
 
 def victim_kind(env: str, victim: str, plugins: Sequence[str] = ()) -> str:
@@ -149,7 +159,8 @@ def _other(config: RunConfig, default: RunConfig | None) -> dict[str, Any]:
         return {}
     hidden = {f"game.{key}" for key in profile_keys(game_model(config.env, _plugins(tuple(config.plugins))))}
     return {
-        key: value
+        # an observer's options say what it does, and no default run has them
+        key: ", ".join(in_words(observers_played(config))) if key == "observers" else value
         for key, (value, _) in differences(config, default).items()
         if key not in _FREE and not key.startswith(_FREE_SECTIONS) and key not in hidden
     }

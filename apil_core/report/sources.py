@@ -17,6 +17,7 @@ from apil_core.errors import ApilError, ConfigError, RunDirError
 from apil_core.evaluation import EvaluationResult
 from apil_core.final_score import final_score
 from apil_core.game_options import stored_physics
+from apil_core.observer_options import told
 from apil_core.rundir import RunDir
 
 
@@ -179,5 +180,7 @@ def _read_run(directory: RunDir, name: str, axes: tuple[str, ...] = (), failure:
     scores = {each: score for each in names if (score := read_score(run.path, each)) is not None}
     if PLAIN not in scores and (ended := final_score(run)) is not None:
         scores = {PLAIN: ended, **scores}
+    config = run.config()
+    scores = {each: told(score, config) for each, score in scores.items()}
     ordered = dict(sorted(scores.items(), key=lambda item: item[0] != PLAIN))
-    return Run(run, name, run.config(), ordered, axes, failure, run.summary())
+    return Run(run, name, config, ordered, axes, failure, run.summary())

@@ -31,6 +31,7 @@ class Setting(BaseModel):
             ``"embedded student"`` or a policy's name.
         adversary_actions, victim_actions: how actions of the scored games were chosen.
         axes: further settings that tell it from others, by their names in ``--set``.
+        changes_method: an option of a method makes it another one than the published one.
         notes: what makes its numbers weaker than the published ones, one sentence each, loudest first.
         matches_published: nothing of that kind: budget, physics, victim and action modes are the paper's.
     """
@@ -47,6 +48,7 @@ class Setting(BaseModel):
     adversary_actions: str = ""
     victim_actions: str = ""
     axes: dict[str, Any] = {}
+    changes_method: bool = False
     notes: list[str] = []
     matches_published: bool = False
 

@@ -113,7 +113,7 @@ def _importable(module: str) -> bool:
 def _check_offers(names: Names, plugins: PluginRegistry) -> None:
     """Nothing there may be called so, however its words are joined."""
     taken: dict[str, Iterable[str]] = {
-        "method": plugins.methods,
+        "method": (*plugins.methods, *plugins.observers),  # they share the section options
         "game": plugins.games,
         "victim": plugins.policies,
         "plugin": [record.name for record in plugins.records],

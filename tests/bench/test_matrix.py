@@ -118,6 +118,14 @@ def test_the_observers_of_a_score_are_spelt_out_and_part_of_what_is_asked_for(di
     cell = replace(benchmark.cells[0], victim=played.victim.name)
     assert matches(played, found, cell, None)
     assert not matches(played, benchmark.matrix.scores["plain"], cell, None)
+    own = replace(
+        cell, config=cell.config.model_copy(update={"observers": ("dim",), "options": {"dim": {"by": 0.5}}})
+    )
+    trained = played.model_copy(update={"trained_steps": 512})
+    plain = benchmark.matrix.scores["plain"]
+    assert matches(trained, plain, own, 512)  # the observer is the run's own
+    assert not matches(trained, plain, cell, 512)
+    assert matches(trained.model_copy(update={"observers": None}), plain, own, 512)  # from before scores told
     other = found.model_copy(update={"observers": {"dim": {"by": 0.1}}})
     assert not matches(played, other, cell, None)
 
@@ -172,6 +180,7 @@ def test_mistakes_in_cells_are_one_line(changes, told):
         ({"victims": {"chess": ["auto"]}}, "victims: 'chess' is not among"),
         ({"steps": "0"}, "steps must be positive"),
         ({"axes": {"game.max_steps": [9, 20]}, "crossplay": {}}, "crossplay needs one game for all"),
+        ({"axes": {"observers": [[], ["dim"]]}, "crossplay": {}}, "leave out axes.observers"),
     ],
 )
 def test_mistakes_in_the_matrix_itself(changes, told):

@@ -102,6 +102,13 @@ def test_a_score_is_kept_with_its_run(apil: Apil, trained: Path) -> None:
     done = apil("eval", trained, "--episodes", "20", "--quiet", "--json", "--keep", "again")
     assert done.code == 0, done.err
     assert json.loads((trained / "scores" / "again.json").read_text()) == json.loads(done.out)
+    for name, reason in (
+        ("again", "again.json exists, and no score is over"),
+        ("plain", "that is the score the run"),
+    ):
+        refused = apil("eval", trained, "--episodes", "20", "--keep", name)
+        assert refused.code == 2
+        assert reason in refused.err
 
 
 @pytest.mark.parametrize(
@@ -148,7 +155,7 @@ def test_an_observer_is_switched_on_and_shown(apil: Apil, tmp_path: Path) -> Non
     done = apil("eval", *RANDOM, *flags, "--json")
     assert done.code == 0, done.err
     assert json.loads(done.out)["observers"] == {"dim": {"by": 0.0}}
-    assert "observer   dim: by 0.0" in apil("eval", *RANDOM, *flags).out
+    assert "observer   dim (by=0.0)" in apil("eval", *RANDOM, *flags).out
     assert "dims the victim's view" in apil("observers", *flags[:2]).out
     wrong = apil("eval", *RANDOM, *flags[:-1], "options.dim.buy=0")
     assert wrong.err == "apil: --set options.dim.buy=0: unknown key (did you mean 'by'?)\n"

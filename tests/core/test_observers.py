@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import torch
 
-from apil_core import ApilError, evaluate, resume, run
+from apil_core import ApilError, Observer, evaluate, resume, run
 from apil_core.config_io import complete, load_resolved
 from apil_core.plugin_state import stored_and_read
 from apil_core.plugins import PluginRecord, PluginRegistry, discover
@@ -56,7 +56,40 @@ def register_observers():
     return [ObserverSpec("drift", f"{__name__}:Drift", config=f"{__name__}:DriftOptions")]
 '''
 
-ADVERSARY = {"env": "toy-pursuit", "victim": "scripted:toy-pursuit/evader/v1"}
+DRAWN = '''
+import torch
+from apil_core import Observer, ObserverSpec, hookimpl
+
+APIL_HOOK_API = 1
+
+
+class Drawn(Observer):
+    """Weights drawn at random when it is built, shown to the adversary; counted over the run's course."""
+
+    def __init__(self, options, setup):
+        super().__init__(options, setup)
+        self.weight = torch.randn(3)
+        self.heard = 0
+
+    @hookimpl
+    def extend_observation(self, context, view):
+        return {"drawn": self.weight.expand(len(view.own), 3)}
+
+    @hookimpl
+    def iteration_finished(self, run, metrics):
+        self.heard += 1
+
+    def state_dict(self):
+        return {"weight": self.weight, "heard": self.heard}
+
+    def load_state_dict(self, state):
+        self.weight, self.heard = state["weight"], state["heard"]
+
+
+@hookimpl
+def register_observers():
+    return [ObserverSpec("drawn", f"{__name__}:Drawn")]
+'''
 
 
 @pytest.fixture
@@ -195,3 +228,125 @@ def test_it_meets_the_runs_methods_and_shares_no_name_with_one(drifting: PluginR
     record = PluginRecord("thief", "", "test")
     drifting.add(record, module)
     assert record.error == "observer 'apl' has the name of a method: they share the section options"
+
+
+@pytest.fixture
+def drawing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    file = tmp_path / "drawing.py"
+    file.write_text(DRAWN)
+    monkeypatch.delitem(sys.modules, "drawing", raising=False)
+    return file
+
+
+def test_its_weights_depend_on_the_seed_alone_and_nobody_elses_on_it(drawing: Path) -> None:
+    from apil_core.build import build_hooks, method_setup
+    from apil_core.registry import make_game
+
+    plugins = discover([drawing])
+    game = make_game("toy-pursuit", num_envs=1)
+    game.close()
+    drawn, imitators = [], []
+    for seed, observers, before in ((0, ("drawn",), 1), (0, ("drawn",), 2), (1, ("drawn",), 1), (0, (), 1)):
+        config = complete(small_config("apil", seed=seed, observers=observers), plugins)
+        torch.manual_seed(before)
+        setup = method_setup(config, game.layout, 1, torch.device("cpu"))
+        methods, hooks = build_hooks(config, plugins, setup)
+        drawn += [observer.weight.tolist() for observer in hooks.of(Observer).values()]  # type: ignore[attr-defined]
+        if before == 1 and seed == 0:
+            imitators.append(stored_and_read(methods["apil"].state_dict()))
+    assert drawn[0] == drawn[1] != drawn[2]
+    assert differences(*imitators) == []
+
+
+def test_it_goes_into_an_exported_file_and_a_victims_seat(tmp_path: Path, drawing: Path) -> None:
+    from apil_core.export import export
+
+    out = tmp_path / "run"
+    run(small_config("adrl", observers=("drawn",), plugins=(str(drawing),), steps=1024), out=out)
+    assert newest(out)["observers"]["drawn"]["heard"] == 2
+    file = tmp_path / "adversary.safetensors"
+    export(out, "safetensors", file)
+    plugins = discover([drawing])
+    score = evaluate(f"safetensors:{file}", episodes=10, env="toy-pursuit", plugins=plugins)
+    own = evaluate(out, episodes=10)
+    assert (score.causes, score.mean_length) == (own.causes, own.mean_length)
+    again = small_config(
+        "adrl", steps=1024, num_envs=16, init_from=out, observers=("drawn",), plugins=(str(drawing),)
+    )
+    run(again, out=tmp_path / "again")
+    assert newest(tmp_path / "again")["observers"]["drawn"]["heard"] == 2 + 4
+
+
+def test_a_checkpoint_without_its_state_is_refused(tmp_path: Path, drawing: Path) -> None:
+    out = tmp_path / "run"
+    run(small_config("adrl", observers=("drawn",), plugins=(str(drawing),), steps=512), out=out)
+    path = RunDir(out).newest_checkpoint()
+    state = torch.load(path, weights_only=True)
+    del state["observers"]["drawn"]
+    torch.save(state, path)
+    for use in (lambda: evaluate(out, episodes=2), lambda: resume(out, steps=1024)):
+        with pytest.raises(ApilError, match="plugin 'drawn': the checkpoint has no state of it"):
+            use()
+
+
+@pytest.mark.parametrize("observers", [({"drift": 1},), (["drift"],), (3,)])
+def test_what_is_no_name_is_told_by_the_model(drifting: PluginRegistry, observers: Any) -> None:
+    from apil_core.config_io import resolve_layers
+    from apil_core.config_layers import Layer
+
+    with pytest.raises(ApilError, match=r"observers.0: should be a valid string"):
+        resolve_layers([Layer({"env": "toy-pursuit", "observers": list(observers)})], drifting)
+
+
+@pytest.mark.parametrize("observers", [["drift"], {"drift": 3}])
+def test_what_is_no_mapping_of_options_is_one_line(drifting: PluginRegistry, observers: Any) -> None:
+    with pytest.raises(ApilError, match=r"observers(.drift)?: (must be a mapping|should be a section)"):
+        evaluate("random", episodes=2, env="toy-pursuit", plugins=drifting, observers=observers)
+
+
+def test_it_cannot_fill_what_only_one_method_opens(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from apil_core.build import build
+
+    file = tmp_path / "paying.py"
+    file.write_text(
+        "from apil_core import Observer, ObserverSpec, hookimpl\n"
+        "class Pays(Observer):\n    @hookimpl\n    def imitation_reward(self, rollout): return None\n"
+        "@hookimpl\ndef register_observers(): return [ObserverSpec('pays', 'paying:Pays')]\n"
+    )
+    monkeypatch.delitem(sys.modules, "paying", raising=False)
+    plugins = discover([file])
+    config = complete(small_config("apil", observers=("pays",)), plugins)
+    with pytest.raises(ApilError, match="plugin 'pays' cannot be used: unknown hook 'imitation_reward'"):
+        build(config, plugins)
+
+
+def test_it_cannot_be_named_like_a_plugin_that_is_one_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "both.py"
+    file.write_text(
+        "from apil_core import ObserverSpec, hookimpl\n"
+        "@hookimpl\ndef filter_observation(obs): return None\n"
+        "@hookimpl\ndef register_observers(): return [ObserverSpec('both', 'both:Both')]\n"
+    )
+    monkeypatch.delitem(sys.modules, "both", raising=False)
+    (record,) = [r for r in discover([file], forgiving=True).records if r.name == "both"]
+    assert record.error == "observer 'both' has the name of a plugin that fills run hooks itself"
+
+
+def test_a_score_from_before_they_were_told_was_played_with_the_runs(drifting: PluginRegistry) -> None:
+    from apil_core.observer_options import told
+
+    config = complete(small_config("adrl", observers=("drift",)), drifting)
+    score = evaluate("random", episodes=2, env="toy-pursuit", plugins=drifting)
+    assert told(score, config).observers == {}
+    old = score.model_copy(update={"observers": None})
+    assert told(old, config).observers == {"drift": {"rate": 0.001}}
+
+
+def test_an_option_may_be_set_as_a_whole_section(drifting: PluginRegistry) -> None:
+    sets = ["options.drift={rate: 2.0}"]
+    score = evaluate(
+        "random", episodes=2, env="toy-pursuit", plugins=drifting, observers={"drift": {}}, sets=sets
+    )
+    assert score.observers == {"drift": {"rate": 2.0}}

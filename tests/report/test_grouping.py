@@ -70,7 +70,25 @@ def test_a_victim_that_was_defended_is_another_number(tmp_path: Path) -> None:
     found = _gather(_run(tmp_path / "a", 10), _run(tmp_path / "b", 20, masked, seed=1))
     assert sorted(_numbers(found)) == [[0.1], [0.2]]
     told = [setting.axes.get("scored with masked_observation") for setting in found.settings]
-    assert told == [None, "way noise"]
+    assert told == [None, "way=noise"]
+
+
+def test_what_a_victim_was_defended_by_in_training_is_told_with_its_options(tmp_path: Path) -> None:
+    runs = [
+        _run(
+            tmp_path / way,
+            10,
+            {"observers": {"masked_observation": {"way": way}}},
+            observers=("masked_observation",),
+            options={"masked_observation": {"way": way}},
+        )
+        for way in ("zeros", "noise")
+    ]
+    found = _gather(*runs)
+    assert len(_numbers(found)) == 2
+    told = {setting.axes["observers"] for setting in found.settings}
+    assert told == {f"masked_observation (way={way})" for way in ("zeros", "noise")}
+    assert not any(setting.changes_method for setting in found.settings)
 
 
 def test_physics_are_two_numbers(tmp_path: Path) -> None:
