@@ -1,6 +1,6 @@
 """Puts a finished benchmark's report beside ``docs/quick-benchmark.md``, and its tables into that page.
 
-    apil bench report runs/bench/quick
+    apil bench report runs/bench/quick runs/bench/matrix --run docs/results/long/kick-and-defend-adrl-s0 …
     python docs/make_quick.py runs/bench/quick
 
 Copies the page (as ``report.html``), the CSV tables and the matrix into ``docs/results/quick/``. What stands
@@ -17,12 +17,6 @@ HERE = Path(__file__).parent
 PAGE = HERE / "quick-benchmark.md"
 KEPT = HERE / "results" / "quick"
 BEGIN, END = "<!-- made by make_quick.py -->", "<!-- end of what make_quick.py made -->"
-TITLES = {
-    "t1": "Table 1: adversaries against the victim",
-    "t2": "Table 2: blinded adversaries against the victim",
-    "t3": "Table 3: retrained victims against the baseline adversary; the victim's share",
-    "t4": "Table 4: retrained victims against E-APIL's adversary; the victim's share",
-}
 
 
 def main() -> None:
@@ -43,11 +37,11 @@ def main() -> None:
 
 
 def tables(report: Path) -> str:
-    """The four tables in Markdown, each below its title."""
+    """The four tables in Markdown, each below its title, which names its setting."""
     parts = []
     for path in sorted(report.glob("tables/t?-*.md")):
-        rows = [line for line in path.read_text("utf-8").splitlines() if line.startswith("|")]
-        parts.append("\n".join([f"### {TITLES[path.name[:2]]}", "", *rows, ""]))
+        title, *lines = path.read_text("utf-8").splitlines()
+        parts.append("\n".join([title, "", *(line for line in lines if line.startswith("|")), ""]))
     return "\n".join(parts)
 
 

@@ -102,11 +102,16 @@ def main() -> None:
     parser.add_argument("runs", nargs="+", type=Path)
     flags = parser.parse_args()
     found = [RunDir(path) for path in flags.runs]
+    print_tables(found)
+    draw_curves(read_groups(found), flags.picture)
+
+
+def print_tables(found: list[RunDir]) -> None:
+    """All tables of runs, one of each method."""
     runs = {run.config().method: read(run) for run in found}
     evaluation_table(runs)
     curve_table(runs)
     imitator_table(runs)
-    draw_curves(read_groups(found), flags.picture)
 
 
 if __name__ == "__main__":
