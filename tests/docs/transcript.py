@@ -83,7 +83,7 @@ def followed(page: Path, folder: Path) -> tuple[list[str], float]:
 def shortened(output: str, folder: Path) -> list[str]:
     """Its lines, without the temporary folder's name, and without the middle of a long output."""
     lines = [line.rstrip() for line in output.replace(str(folder), "~").splitlines()]
-    lines = [line for line in lines if line]
+    lines = [line for line in lines if line and not line.startswith("Looking in ")]  # pip, on this machine
     left_out = len(lines) - 2 * KEPT
     if left_out <= 1:
         return lines
