@@ -33,8 +33,8 @@ def lines(path):
     [
         ("adrl", {}),
         ("apl", {"apl": {"advantage_difference": True}}),
-        ("apil", {"apil": {"prediction": "noise"}}),
-        ("e_apil", {}),
+        pytest.param("apil", {"apil": {"prediction": "noise"}}, marks=pytest.mark.slow),
+        pytest.param("e_apil", {}, marks=pytest.mark.slow),  # as in the kill below
         ("e_apil", {"apil": {"rollouts": "own", "imitator": {"update": "ppo"}}}),
     ],
 )
@@ -88,6 +88,7 @@ def test_sigkill_and_resume_gives_the_same_bits(tmp_path):
     assert [m["iteration"] for m in lines(tmp_path / "killed")] == list(range(1, 61))
 
 
+@pytest.mark.slow  # by default in tests/cli/test_cli_run.py
 def test_ctrl_c_checkpoints_and_says_how_to_go_on(tmp_path):
     config = small_config(steps=10_000 * 512)
     process = start(tmp_path / "stopped", config)
