@@ -40,7 +40,7 @@ def curve_panels(
     """One panel per game and training setting; every run is in one of them."""
     drawn: set[str] = set()
     panels = []
-    for key, setting in named.items():
+    for key, setting in _as_trained_first(named):
         runs = _runs(groups, key)
         for game in dict.fromkeys(run.config.env for run in runs):
             own = [run for run in runs if run.config.env == game and run.path not in drawn]
@@ -51,6 +51,14 @@ def curve_panels(
                     CurvePanel(game=game, setting=setting.id, lines=lines, **_level(tables, setting, game))
                 )
     return panels
+
+
+def _as_trained_first(named: Mapping[Key, Setting]) -> list[tuple[Key, Setting]]:
+    """Settings whose games were played as the training was come first: what is told of it belongs there."""
+    return sorted(
+        named.items(),
+        key=lambda item: item[0].physics not in (None, item[0].trained) or item[0].scored_with != (),
+    )
 
 
 def _runs(groups: Groups, key: Key) -> list[Run]:
@@ -113,7 +121,7 @@ def thinned(line: Line) -> Line:
 def diagnostics(groups: Groups, named: Mapping[Key, Setting]) -> list[Diagnostics]:
     """Of every run with metrics, in the order of settings."""
     found: dict[str, Diagnostics] = {}
-    for key, setting in named.items():
+    for key, setting in _as_trained_first(named):
         for run in _runs(groups, key):
             if run.path not in found and (rows := _rows(run)):
                 found[run.path] = _diagnostics(run, setting, rows)

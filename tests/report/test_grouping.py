@@ -114,6 +114,20 @@ def test_physics_of_training_and_of_the_score_are_told_apart(tmp_path: Path) -> 
     assert any("Trained in fast physics" in warning.text for warning in found.warnings)
 
 
+def test_the_curve_of_a_run_belongs_to_the_games_it_was_trained_in(tmp_path: Path) -> None:
+    """Scored in the game as it was made, too: tables put that first."""
+    victim = {"env": KICK, "victim": {"name": VICTIMS[KICK], "sha256": ""}}
+    score = {**victim, "game_settings": {"physics": "fast"}}
+    run = _run(tmp_path / "a", 10, score, env=KICK, victim=VICTIMS[KICK], game={"physics": "fast"})
+    own = {"trained_steps": 2000, "game_settings": {"physics": "faithful"}, "victim": victim["victim"]}
+    write_score(run.path, "faithful", result(KICK, 20, 0, 100, **own))
+    found = _gather(run)
+    physics = {setting.id: setting.physics for setting in found.settings}
+    assert sorted(physics.values()) == ["faithful", "fast"]
+    assert [physics[panel.setting] for panel in found.curves] == ["fast"]
+    assert [physics[course.setting] for course in found.diagnostics] == ["fast"]
+
+
 def test_settings_of_the_learner_are_two_numbers_with_their_names(tmp_path: Path) -> None:
     found = _gather(_run(tmp_path / "a", 10), _run(tmp_path / "b", 20, seed=1, reward={"sparse_weight": 0.5}))
     assert sorted(_numbers(found)) == [[0.1], [0.2]]
