@@ -221,6 +221,7 @@ def test_a_second_ctrl_c_ends_jobs_at_once(tmp_path: Path):
     assert ledger.bench.failure(CELL) == ""
 
 
+@pytest.mark.slow
 def test_a_job_stops_with_a_checkpoint_when_its_supervisor_is_killed(tmp_path: Path):
     """And hears it although Ctrl-C is blocked where it was started, as it is in Ray's workers."""
     steps = 4000 * 512

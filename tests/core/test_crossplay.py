@@ -128,6 +128,7 @@ def test_an_interrupted_one_is_continued(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_players_may_join_in_any_order(tmp_path: Path) -> None:
     path = tmp_path / "x.json"
     first = crossplay({"still": "zero"}, {"original": "auto"}, **SMALL, out=path)

@@ -85,7 +85,16 @@ def real_views(games: int = 6, steps: int = 20) -> Iterator[View]:
         game.reset(step.done.copy())
 
 
-@pytest.mark.parametrize("name", ["adrl", "apl", "apil", "e_apil", "oracle"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "adrl",
+        pytest.param("apl", marks=pytest.mark.slow),  # looks like ADRL's
+        pytest.param("apil", marks=pytest.mark.slow),  # and this like E-APIL's
+        "e_apil",
+        "oracle",
+    ],
+)
 @pytest.mark.parametrize("format", FORMATS)
 def test_modes_and_spreads_are_the_runs(runs: Path, exported: Exports, name: str, format: Any) -> None:
     result = exported(name, format)

@@ -91,7 +91,10 @@ def test_all_methods_train_on_it(tmp_path: Path, method: str) -> None:
     assert set(result.evaluation.causes) <= {"terminated", "truncated"}
 
 
-@pytest.mark.parametrize(("method", "options"), [("adrl", {}), ("e_apil", {"apil": {"rollouts": "own"}})])
+@pytest.mark.parametrize(
+    ("method", "options"),
+    [("adrl", {}), pytest.param("e_apil", {"apil": {"rollouts": "own"}}, marks=pytest.mark.slow)],
+)
 def test_extending_equals_running_through(tmp_path: Path, method: str, options: dict[str, Any]) -> None:
     run(short(method, options=options), out=tmp_path / "whole")
     run(short(method, options=options, steps=192, threads=1), out=tmp_path / "parts")

@@ -76,7 +76,7 @@ def wait_for_checkpoint(process, run_dir, count=2, seconds=90):
 
 
 def test_sigkill_and_resume_gives_the_same_bits(tmp_path):
-    config = small_config(steps=60 * 512)
+    config = small_config(steps=30 * 512)
     process = start(tmp_path / "killed", config)
     wait_for_checkpoint(process, tmp_path / "killed")
     process.send_signal(signal.SIGKILL)
@@ -85,7 +85,7 @@ def test_sigkill_and_resume_gives_the_same_bits(tmp_path):
     resume(tmp_path / "killed")
     run(config, out=tmp_path / "whole")
     assert differences(final_state(tmp_path / "whole"), final_state(tmp_path / "killed")) == []
-    assert [m["iteration"] for m in lines(tmp_path / "killed")] == list(range(1, 61))
+    assert [m["iteration"] for m in lines(tmp_path / "killed")] == list(range(1, 31))
 
 
 @pytest.mark.slow  # by default in tests/cli/test_cli_run.py

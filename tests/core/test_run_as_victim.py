@@ -92,7 +92,7 @@ def test_it_is_pinned_to_its_newest_checkpoint(
     assert evaluate("r", episodes=4).victim.name == f"run:{newest}"
 
 
-@pytest.mark.parametrize("method", ["adrl", "e_apil"])
+@pytest.mark.parametrize("method", [pytest.param("adrl", marks=pytest.mark.slow), "e_apil"])
 def test_resume_is_bit_exact_with_the_victims_own_generator(
     evader: Path, tmp_path: Path, method: str
 ) -> None:

@@ -174,6 +174,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return path, model
 
 
+@pytest.mark.slow
 def test_an_adversary_trained_elsewhere_is_scored(trained: Any) -> None:
     path, model = trained
     result = evaluate(f"sb3:{path}", env="toy-pursuit", episodes=200, adversary_actions="mode")
@@ -193,6 +194,7 @@ def test_an_adversary_trained_elsewhere_is_scored(trained: Any) -> None:
     assert result.win_rate.value > untrained.win_rate.value + 0.1
 
 
+@pytest.mark.slow
 def test_an_agent_trained_elsewhere_is_attacked(trained: Any, tmp_path: Path) -> None:
     path, _ = trained
     changes: dict[str, Any] = {"victim": f"sb3:{path}", "victim_side": 1, "evaluation": {"episodes": 20}}
