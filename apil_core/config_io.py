@@ -16,7 +16,16 @@ from pydantic import ValidationError
 
 from apil_core.config import SCHEMA_VERSION, RunConfig
 from apil_core.config_errors import Problem, problems_of, raise_problems, unknown_name
-from apil_core.config_layers import Key, Layer, file_layer, flag_layer, merge, preset_layer, set_layer
+from apil_core.config_layers import (
+    Key,
+    Layer,
+    file_layer,
+    flag_layer,
+    merge,
+    preset_layer,
+    set_layer,
+    texts_in,
+)
 from apil_core.config_models import full_model
 from apil_core.config_yaml import dump_yaml as dump_yaml
 from apil_core.default_victim import default_victim
@@ -88,7 +97,7 @@ def resolve_layers(layers: Sequence[Layer], plugins: PluginRegistry) -> RunConfi
     if "method" in unknown or not isinstance(data["method"], str):
         model: type[RunConfig] = RunConfig
     else:
-        parts = plugins.run_plugins(data["method"], _texts(data["observers"]))
+        parts = plugins.run_plugins(data["method"], texts_in(data["observers"]))
         used = [spec.name for spec in parts]
         layers = [layer.without_options(used) if layer.preset else layer for layer in layers]
         env = data["env"] if isinstance(data["env"], str) and "env" not in unknown else None
@@ -197,11 +206,6 @@ def _unknown_names(data: Mapping[str, Any], plugins: PluginRegistry) -> list[Pro
     if isinstance(device, str) and not re.fullmatch(r"cpu|cuda(:\d+)?", device):
         problems.append(unknown_name(("device",), "device", device, ["cpu", "cuda", "cuda:N"]))
     return problems
-
-
-def _texts(value: Any) -> list[str]:
-    """The texts in what should be a list of them."""
-    return [item for item in value if isinstance(item, str)] if isinstance(value, (list, tuple)) else []
 
 
 def _open_sections(data: dict[str, Any], configurable: Sequence[str]) -> None:

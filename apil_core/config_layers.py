@@ -137,6 +137,11 @@ def flag_layer(flags: Mapping[str, Any]) -> Layer:
     return Layer(data, origins, command_line=True)
 
 
+def texts_in(value: Any) -> list[str]:
+    """The texts in what should be a list of them, but has not been checked yet."""
+    return [item for item in value if isinstance(item, str)] if isinstance(value, (list, tuple)) else []
+
+
 def merge(base: Mapping[str, Any], layers: Sequence[Layer]) -> tuple[dict[str, Any], dict[Key, str]]:
     """``base`` with the layers laid over it, later ones on top, and the origin of what they set."""
     data: dict[str, Any] = dict(base)

@@ -29,6 +29,8 @@ def with_observers(
 ) -> RunConfig:
     """A copy of ``config`` with further observers at the end, and all of their options spelt out.
 
+    ``config`` itself where there are none.
+
     Args:
         config: a run's.
         plugins: offer the observers.
@@ -49,6 +51,8 @@ def with_observers(
             raise UnknownNameError("observer", name, known)
         if name in config.observers:
             raise ConfigError(f"observer {name!r}: the adversary's run has it switched on already")
+    if not observers:
+        return config
     specs = [plugins.observers[name] for name in observers if name in plugins.observers]
     fields: Any = {s.name: (options_model(s.config, titled(s)), ...) for s in specs if s.config}
     section = create_model("ObserverOptions", __base__=Section, **fields)

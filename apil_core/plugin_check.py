@@ -19,7 +19,7 @@ from apil_core.hookspecs import ProcessHooks, RunHooks
 from apil_core.method import Method, Observer, RunPlugin
 from apil_core.plugins import PluginRecord, PluginRegistry
 from apil_core.run_hooks import RunHookManager
-from apil_core.specs import MethodSpec, RunPluginSpec, load, titled
+from apil_core.specs import MethodSpec, RunPluginSpec, load, titled, wanted_of
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def _run_hooks(spec: RunPluginSpec, kind: type[RunPlugin], chain: Sequence[Metho
 def _looked_at(spec: RunPluginSpec, kind: type[RunPlugin]) -> RunPlugin | None:
     """An object of the plugin's class, not initialised: its hooks are to be looked at, not called."""
     factory = load(spec.factory, titled(spec))
-    wanted = f"a{'n' * (kind is Observer)} {kind.__name__}"
+    wanted = wanted_of(spec)
     if not inspect.isclass(factory):
         if callable(factory):
             return None

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from apil_core.checkpoint import to_tensors
 from apil_core.errors import ApilError, PluginError
+from apil_core.seeds import undisturbed
 
 if TYPE_CHECKING:
     from apil_core.method import RunPlugin
@@ -87,8 +88,7 @@ def check_states(
     states = states_of(plugins)
     if not any(states.values()):
         return
-    devices = [device] if device.type == "cuda" else []
-    with torch.random.fork_rng(devices=devices):
+    with undisturbed(device):
         load_states(anew(), stored_and_read(states))
 
 

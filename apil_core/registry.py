@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from apil_core.errors import ApilError, ConfigError, PluginError, UnknownNameError, VictimError
 from apil_core.game import Game, SideLayout
 from apil_core.plugins import PluginRegistry, discover
-from apil_core.specs import GameSpec, MethodSpec, ObserverSpec, RunPluginSpec, load, titled
+from apil_core.specs import GameSpec, MethodSpec, ObserverSpec, RunPluginSpec, load, titled, wanted_of
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -132,7 +132,7 @@ def build_methods(
     for spec in chain:
         made = _made(spec, options, replace(setup, methods=dict(built)))
         if not isinstance(made, Method):
-            raise _no("Method", spec, made)
+            raise _no(spec, made)
         built[spec.name] = made
     return built
 
@@ -151,16 +151,15 @@ def build_observers(
     import torch
 
     from apil_core.method import Observer
-    from apil_core.seeds import stream_seed
+    from apil_core.seeds import stream_seed, undisturbed
 
     built: dict[str, Observer] = {}
-    devices = [setup.device] if setup.device.type == "cuda" else []
     for spec in specs:
-        with torch.random.fork_rng(devices=devices):
+        with undisturbed(setup.device):
             torch.manual_seed(stream_seed(setup.seed, f"observer {spec.name}"))
             made = _made(spec, options, setup)
         if not isinstance(made, Observer):
-            raise _no("Observer", spec, made)
+            raise _no(spec, made)
         built[spec.name] = made
     return built
 
@@ -179,8 +178,6 @@ def _made(spec: RunPluginSpec, options: Mapping[str, Mapping[str, Any]], setup: 
         ) from error
 
 
-def _no(wanted: str, spec: RunPluginSpec, made: object) -> PluginError:
-    article = "an" if wanted[0] in "AEIOU" else "a"
-    return PluginError(
-        f"plugin {spec.name!r}: {spec.factory} must give {article} {wanted}, got {type(made).__name__}"
-    )
+def _no(spec: RunPluginSpec, made: object) -> PluginError:
+    got = type(made).__name__
+    return PluginError(f"plugin {spec.name!r}: {spec.factory} must give {wanted_of(spec)}, got {got}")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import torch
@@ -21,3 +23,10 @@ def stream_seed(seed: int, stream: str) -> int:
 def stream_generator(seed: int, stream: str, device: torch.device) -> torch.Generator:
     """A torch generator on ``device`` for the named stream."""
     return torch.Generator(device=device).manual_seed(stream_seed(seed, stream))
+
+
+@contextmanager
+def undisturbed(device: torch.device) -> Iterator[None]:
+    """Draws inside leave torch's global generators, the GPU's of ``device`` included, as they were."""
+    with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
+        yield

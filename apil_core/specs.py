@@ -79,6 +79,11 @@ def titled(spec: RunPluginSpec) -> str:
     return f"{'method' if isinstance(spec, MethodSpec) else 'observer'} {spec.name!r}"
 
 
+def wanted_of(spec: RunPluginSpec) -> str:
+    """What its factory must give, for messages."""
+    return "a Method" if isinstance(spec, MethodSpec) else "an Observer"
+
+
 @dataclass(frozen=True)
 class PublishedScore:
     """What a paper reports of a matchup, as the adversary's.

@@ -12,7 +12,7 @@ from typing import Any
 from apil_core.bench.matrix import Matrix, ScoreConfig
 from apil_core.config import RunConfig
 from apil_core.config_io import plugin_files, resolve_layers
-from apil_core.config_layers import Layer, flag_layer, preset_layer, set_layer
+from apil_core.config_layers import Layer, flag_layer, preset_layer, set_layer, texts_in
 from apil_core.counts import short_number
 from apil_core.default_victim import default_baseline
 from apil_core.errors import ApilError, ConfigError
@@ -137,8 +137,8 @@ def _check_names(matrix: Matrix, origin: str, plugins: PluginRegistry) -> None:
 def _check_used(matrix: Matrix, origin: str, plugins: PluginRegistry) -> None:
     """Options of a method that no cell uses are a slip of the pen, not a wish."""
     named = [
-        *_names(matrix.config.get("observers")),
-        *(n for v in matrix.axes.get("observers", ()) for n in _names(v)),
+        *texts_in(matrix.config.get("observers")),
+        *(n for v in matrix.axes.get("observers", ()) for n in texts_in(v)),
     ]
     used = {spec.name for method in matrix.methods for spec in plugins.run_plugins(method, named)}
     written = [("config.options", name) for name in _section(matrix.config.get("options"))]
@@ -149,11 +149,6 @@ def _check_used(matrix: Matrix, origin: str, plugins: PluginRegistry) -> None:
             raise ConfigError(
                 f"{origin}: {where}: no method or observer here reads options of {name!r} (but of {known})"
             )
-
-
-def _names(value: Any) -> tuple[str, ...]:
-    """The texts in what should be a list of names."""
-    return tuple(v for v in value if isinstance(v, str)) if isinstance(value, (list, tuple)) else ()
 
 
 def _section(value: Any) -> Mapping[str, Any]:
@@ -168,10 +163,11 @@ def _owner(key: str) -> str | None:
 
 def _expand(matrix: Matrix, origin: str, base: list[Layer], plugins: PluginRegistry) -> Iterator[Cell]:
     resolved: dict[str, RunConfig] = {}  # cells that differ in seed and budget only are checked once
+    combinations = {method: _combinations(matrix, method, plugins) for method in matrix.methods}
     several_victims = {game for game, names in matrix.victims.items() if len(names) > 1}
     for seed, game, method in product(matrix.seeds, matrix.games, matrix.methods):
-        combinations = _combinations(matrix, method, plugins)
-        for victim, steps, chosen in product(matrix.victims.get(game, ("auto",)), matrix.steps, combinations):
+        victims = matrix.victims.get(game, ("auto",))
+        for victim, steps, chosen in product(victims, matrix.steps, combinations[method]):
             named = victim if game in several_victims else None
             name = _name(game, method, seed, steps, named, chosen)
             kind = repr((game, method, victim, chosen))
@@ -187,7 +183,7 @@ def _combinations(matrix: Matrix, method: str, plugins: PluginRegistry) -> list[
     found: dict[str, dict[str, Any]] = {}
     for values in product(*matrix.axes.values()):
         chosen = dict(zip(matrix.axes, values, strict=True))
-        observers = _names(chosen.get("observers", matrix.config.get("observers")))
+        observers = texts_in(chosen.get("observers", matrix.config.get("observers")))
         parts = {spec.name for spec in plugins.run_plugins(method, observers)}
         applying = {key: value for key, value in chosen.items() if _owner(key) in (None, *parts)}
         found.setdefault(repr(applying), applying)

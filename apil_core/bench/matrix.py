@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from apil_core.config import ActionMode, BlindMode, Section
+from apil_core.config_layers import texts_in
 from apil_core.counts import number_list, whole_number
 from apil_core.profiles import Profile
 
@@ -188,10 +189,7 @@ class Matrix(Section):
 
         What observers do to the sides' eyes is part of it.
         """
-        observers = self.config.get("observers")
-        watched = (
-            tuple(f"options.{name}." for name in observers) if isinstance(observers, (list, tuple)) else ()
-        )
+        watched = tuple(f"options.{name}." for name in texts_in(self.config.get("observers")))
         games = [key for key in self.axes if key.startswith(("game.", *watched)) or key == "observers"]
         for stage in ("crossplay", "activations"):
             if games and stage in self.stages:
