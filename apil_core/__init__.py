@@ -49,6 +49,7 @@ _HOMES = {
         "RewardConfig",
         "RunConfig",
         "Section",
+        "absent",
     ),
     "apil_core.profiles": ("ProfiledOptions",),
     "apil_core.evaluation": ("EvaluationResult",),
@@ -83,6 +84,7 @@ if TYPE_CHECKING:
     from apil_core.config import RewardConfig as RewardConfig
     from apil_core.config import RunConfig as RunConfig
     from apil_core.config import Section as Section
+    from apil_core.config import absent as absent
     from apil_core.errors import ApilError as ApilError
     from apil_core.errors import ConfigError as ConfigError
     from apil_core.errors import PluginError as PluginError

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from apil_core.config import RunConfig
+from apil_core.config_absent import with_absent
 from apil_core.config_io import flatten
 from apil_core.distributed.world import World
 from apil_core.errors import RunDirError
+from apil_core.plugins import PluginRegistry
 
 MAY_CHANGE = (
     *("steps", "threads", "device", "recorders", "checkpoint", "evaluation", "plugins", "init_from"),
@@ -22,37 +24,42 @@ POLICY_KEYS = ("method", "env", "ppo", "options", "victim_side")
 """Sections that decide what the adversary's networks look like and read."""
 
 
-def check_same_run(state: dict[str, Any], config: RunConfig, path: Path, keys: Iterable[str] = ()) -> None:
+def check_same_run(state: dict[str, Any], config: RunConfig, plugins: PluginRegistry, path: Path) -> None:
     """Compare the configuration stored in a checkpoint with the run's.
 
     Args:
         state: the checkpoint.
         config: the run's.
+        plugins: know what keys mean that the checkpoint's lacks.
         path: of the checkpoint, for the message.
-        keys: top-level sections to compare; default: all but :data:`MAY_CHANGE`.
 
     Raises:
         RunDirError: they differ; names the keys.
     """
     ours = config.model_dump(mode="json")
-    theirs = {**RunConfig().model_dump(mode="json"), **state.get("config", {})}  # older ones lack new keys
-    check_same_settings(ours, theirs, set(keys) or set(ours) - set(MAY_CHANGE), path)
+    check_same_settings(ours, _stored(state, plugins), set(ours) - set(MAY_CHANGE), path)
 
 
-def check_same_policy(state: dict[str, Any], config: RunConfig, path: Path) -> None:
+def check_same_policy(state: dict[str, Any], config: RunConfig, plugins: PluginRegistry, path: Path) -> None:
     """Compare what decides about the adversary's networks; observers need not be those of the training.
 
     Raises:
         RunDirError: it differs; names the keys.
     """
-    methods, stored = state.get("methods", {}), state.get("config", {})
+    methods = state.get("methods", {})
 
-    def of_methods(options: Mapping[str, Any]) -> dict[str, Any]:
-        return {name: section for name, section in options.items() if name in methods}
+    def of_methods(settings: Mapping[str, Any]) -> dict[str, Any]:
+        options = {name: section for name, section in settings["options"].items() if name in methods}
+        return {**settings, "options": options}
 
-    theirs = {**stored, "options": of_methods(stored.get("options", {}))}
-    ours = config.model_copy(update={"options": of_methods(config.options)})
-    check_same_run({"config": theirs}, ours, path, POLICY_KEYS)
+    ours, theirs = config.model_dump(mode="json"), _stored(state, plugins)
+    check_same_settings(of_methods(ours), of_methods(theirs), POLICY_KEYS, path)
+
+
+def _stored(state: dict[str, Any], plugins: PluginRegistry) -> dict[str, Any]:
+    """The settings in a checkpoint, complete, as JSON has them."""
+    complete = with_absent(state.get("config", {}), plugins)
+    return RunConfig.model_validate(complete).model_dump(mode="json")
 
 
 def check_same_settings(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,6 +13,22 @@ SCHEMA_VERSION = 1
 
 ActionMode = Literal["sample", "mode"]
 BlindMode = Literal["zeros", "initial"]
+
+
+@dataclass(frozen=True)
+class Absent:
+    """What a stored config meant that was written before a key existed; see :func:`absent`."""
+
+    value: Any
+
+
+def absent(value: Any) -> Absent:
+    """Annotate a key that was added to a released model, where its default is not what was done before.
+
+    ``key: Annotated[int | None, absent(None)] = 4``: new configs get 4, a stored one without the key means
+    null. Keys without this mark mean their default, then as now.
+    """
+    return Absent(value)
 
 
 class Section(BaseModel):

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
 from apil_core.config import SCHEMA_VERSION, RunConfig
+from apil_core.config_absent import with_absent
 from apil_core.config_errors import Problem, problems_of, raise_problems, unknown_name
 from apil_core.config_layers import (
     Key,
@@ -90,6 +92,9 @@ def resolve_layers(layers: Sequence[Layer], plugins: PluginRegistry) -> RunConfi
         ConfigError: one line per mistake.
     """
     base = RunConfig().model_dump()
+    layers = [
+        replace(layer, data=with_absent(layer.data, plugins)) if layer.stored else layer for layer in layers
+    ]
     data, origins = merge(base, layers)
     check_version(data, origins)
     problems = _unknown_names(data, plugins)
@@ -131,14 +136,19 @@ def complete(config: RunConfig, plugins: PluginRegistry) -> RunConfig:
 def load_resolved(path: Path) -> RunConfig:
     """A config stored with a run, as it was; plugins' options are not checked again.
 
+    Keys added since, the core's and installed plugins', get the value their absence meant then.
+
     Raises:
         ConfigError: it cannot be read, is wrong or of a newer version.
     """
+    from apil_core.registry import default_plugins
+
     layer = file_layer(Path(path))
     data, origins = merge({}, [layer])
     check_version(data, origins)
     try:
-        config = RunConfig.model_validate(data)
+        RunConfig.model_validate(data)  # wrong values are told with their lines
+        config = RunConfig.model_validate(with_absent(data, default_plugins()))
     except ValidationError as error:
         raise_problems(problems_of(error, RunConfig), origins)
         raise

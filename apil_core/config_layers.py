@@ -33,12 +33,14 @@ class Layer:
         origins: key path → where it was written.
         preset: a preset's options for methods that are not in use are dropped, others' are errors.
         command_line: it is a flag or a ``--set``.
+        stored: a run's own config, in which a missing key means what its absence meant then.
     """
 
     data: dict[str, Any]
     origins: dict[Key, str] = field(default_factory=dict)
     preset: bool = False
     command_line: bool = False
+    stored: bool = False
 
     def section(self, name: str) -> Mapping[str, Any]:
         """The values below a top-level key; empty where there are none."""
@@ -89,7 +91,8 @@ def file_layer(path: Path) -> Layer:
     Raises:
         ConfigError: it cannot be read or is not a YAML mapping.
     """
-    path = path / "config.yaml" if path.is_dir() else path
+    stored = path.is_dir()
+    path = path / "config.yaml" if stored else path
     try:
         text = path.read_text("utf-8")
     except FileNotFoundError:
@@ -98,7 +101,7 @@ def file_layer(path: Path) -> Layer:
         raise ConfigError(f"{path}: cannot be read: {error}") from error
     data, lines = parse_yaml(text, str(path))
     data = from_folder(path.parent, data)
-    return Layer(data, {key: f"{path}:{line}" for key, line in lines.items()})
+    return Layer(data, {key: f"{path}:{line}" for key, line in lines.items()}, stored=stored)
 
 
 def from_folder(folder: Path, data: Mapping[str, Any]) -> dict[str, Any]:

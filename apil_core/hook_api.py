@@ -13,7 +13,7 @@ from typing import Any
 
 from apil_core.errors import PluginError
 
-HOOK_API = 1
+HOOK_API = 2
 """Version of the hooks offered here. A new one comes with every change that can break a plugin."""
 
 OLDEST_HOOK_API = 1

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 from apil_core.hooks import hookspec
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from torch import Tensor
 
     from apil_core.method import Run
@@ -176,18 +178,22 @@ class RunHooks:
         """
 
     @hookspec(since=1)
-    def update_auxiliary(self, run: Run, rollout: Rollout) -> dict[str, float] | None:
+    def update_auxiliary(
+        self, run: Run, rollout: Rollout
+    ) -> dict[str, float] | Callable[[], dict[str, float]] | None:
         """Train what else a method owns.
 
         When: once per rollout, after advantages and before PPO; plugins one after the other, the required
-            first.
+            first. A function that is handed back is called when all have been asked, beside PPO's update
+            where there are two cores: it may use neither ``run.collect`` nor torch's global generator.
 
         Args:
             run: the run; ``run.collect`` and ``run.generator`` are of use here.
             rollout: the ``Rollout``; ``rollout.advantages`` is set.
 
         Returns:
-            ``{name: number}``, logged as ``<plugin>/<name>``, or ``None``.
+            ``{name: number}``, logged as ``<plugin>/<name>``; or a function of no arguments that does the
+            work and returns that; or ``None``.
         """
 
     @hookspec(since=1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -19,6 +19,8 @@ from apil_core.specs import MethodSpec, load
 if TYPE_CHECKING:
     import torch
     from torch import Tensor
+
+    from apil_core.types import Rollout
 
 _Kind = TypeVar("_Kind")
 
@@ -43,6 +45,7 @@ class RunHookManager:
     def __init__(self, chain: Sequence[MethodSpec], plugins: Mapping[str, Any]):
         self.plugins = dict(plugins)
         self.device: torch.device | None = None
+        self._watched = False
         self.manager = pluggy.PluginManager(PROJECT)
         self.manager.add_hookspecs(RunHooks)
         self.manager.add_hookspecs(ProcessHooks)  # observers are whole plugin modules
@@ -174,10 +177,38 @@ class RunHookManager:
                 raise self.complaint(hook, text, asked)
 
         undo = self.manager.add_hookcall_monitoring(keep, compare)
+        self._watched = True
         try:
             yield
         finally:
+            self._watched = False
             undo()
+
+    def finished(self, name: str, work: Callable[[], Any], rollout: Rollout) -> dict[str, Any]:
+        """What a function gives that ``update_auxiliary`` handed back; watched as hooks are.
+
+        Args:
+            name: of the plugin.
+            work: the function.
+            rollout: that the hook was handed.
+
+        Raises:
+            PluginError: it failed, changed the rollout in place, or gives no dict.
+        """
+        from apil_core.unchanged import changed, copies
+
+        before = copies({"rollout": rollout}) if self._watched else None
+        try:
+            answer = work()
+        except ApilError:
+            raise
+        except Exception as error:
+            raise self._failure(error, (name, "update_auxiliary")) from error
+        paths = [] if before is None else changed(before, {"rollout": rollout})
+        if paths:
+            text = f"changed {paths[0]} in place; work on a copy, others are handed the same"
+            raise self.complaint("update_auxiliary", text, name)
+        return {} if answer is None else self.merged([answer], "update_auxiliary")
 
     def only(self, plugin: Any) -> Any:
         """A caller namespace that asks ``plugin`` alone."""
@@ -196,14 +227,9 @@ class RunHookManager:
         except ApilError:
             raise
         except Exception as error:
-            culprit = self._culprit(error.__traceback__)
-            if culprit is None:
+            if self._culprit(error.__traceback__) is None:
                 raise
-            name, hook = culprit
-            reason = " ".join(str(error).split())
-            raise PluginError(
-                f"plugin {name!r} failed in {hook}: {type(error).__name__}: {reason}"
-            ) from error
+            raise self._failure(error) from error
 
     def _open(self, spec: MethodSpec) -> None:
         try:
@@ -223,6 +249,12 @@ class RunHookManager:
             register(self.manager, name, plugin)
         except PluginError as error:
             raise PluginError(f"plugin {name!r} cannot be used: {error}") from error
+
+    def _failure(self, error: Exception, otherwise: tuple[str, str] = ("", "")) -> PluginError:
+        """What was raised, and by whom; by ``otherwise`` if no hook implementation is on the stack."""
+        name, hook = self._culprit(error.__traceback__) or otherwise
+        reason = " ".join(str(error).split())
+        return PluginError(f"plugin {name!r} failed in {hook}: {type(error).__name__}: {reason}")
 
     def _culprit(self, traceback: TracebackType | None) -> tuple[str, str] | None:
         """The innermost hook implementation on the stack: (plugin, hook)."""

@@ -13,6 +13,7 @@ from apil_core import checkpoint
 from apil_core.build import build
 from apil_core.checkpoint_fit import check_same_run, check_same_world, fitting
 from apil_core.config import RunConfig
+from apil_core.config_absent import completed
 from apil_core.config_io import complete
 from apil_core.distributed.join import joined
 from apil_core.distributed.world import World
@@ -89,12 +90,13 @@ def resume(
     """
     directory = RunDir(run_dir)
     stored = directory.config()
+    registry = _plugins(stored)
+    stored = completed(stored, registry)
     with joined(stored.device) as world, _held(directory, world):
         path = world.share(checkpoint_path or directory.newest_checkpoint())
-        state = _read(path, stored, world)
+        state = _read(path, stored, registry, world)
         config = _changed(stored, steps, threads)
         _check_unfinished(directory, state, config, world)
-        registry = _plugins(config)
         trainer = _trainer(config, registry, world)
         with fitting(path):
             trainer.load_state_dict(state)
@@ -119,10 +121,10 @@ def _held(directory: RunDir, world: World) -> Iterator[None]:
         yield
 
 
-def _read(path: Path, stored: RunConfig, world: World) -> dict[str, Any]:
+def _read(path: Path, stored: RunConfig, registry: PluginRegistry, world: World) -> dict[str, Any]:
     """This process's part of the checkpoint."""
     state = checkpoint.read(path)
-    check_same_run(state, stored, path)
+    check_same_run(state, stored, registry, path)
     check_same_world(state, world, path)
     return state if world.is_main else checkpoint.read(part_of_rank(path, world.rank))
 

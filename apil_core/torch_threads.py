@@ -1,11 +1,16 @@
-"""One torch thread while results are made."""
+"""One torch thread for everything that makes results; two things may be made at once."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from typing import TypeVar
 
 import torch
+
+_First = TypeVar("_First")
+_Second = TypeVar("_Second")
 
 
 @contextmanager
@@ -21,3 +26,26 @@ def one_torch_thread() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
+
+
+def side_by_side(
+    first: Callable[[], _First], second: Callable[[], _Second], *, apart: bool
+) -> tuple[_First, _Second]:
+    """Results of two functions that share nothing they change, on a core each or one after the other.
+
+    torch lets go of Python's lock in its operators, so two threads do keep two cores busy.
+
+    Args:
+        first: run in a thread of its own if ``apart``; what it raises wins.
+        second: run here.
+        apart: at once.
+    """
+    if not apart:
+        return first(), second()
+    with ThreadPoolExecutor(1, "apil") as pool:
+        future = pool.submit(first)
+        try:
+            result = second()
+        finally:
+            future.exception()  # waits: nothing may go on learning while an error is handled
+        return future.result(), result

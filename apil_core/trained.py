@@ -12,6 +12,7 @@ from apil_core.adversary import AdversaryPolicy
 from apil_core.build import adversary_policy
 from apil_core.checkpoint_fit import check_same_policy, fitting
 from apil_core.config import RunConfig
+from apil_core.config_absent import completed
 from apil_core.errors import ConfigError, RunDirError
 from apil_core.files import sha256
 from apil_core.game import GameLayout, SideLayout
@@ -86,8 +87,9 @@ class Source:
         Raises:
             RunDirError: the checkpoint is damaged, or of another run.
         """
+        config = completed(config, plugins)
         state = checkpoint.read(self.path)
-        check_same_policy(state, config, self.path)
+        check_same_policy(state, config, plugins, self.path)
         side = 1 - victim_side(config, plugins)
         seat = layout.sides[side]
         info = PolicyInfo(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import time
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import torch
@@ -12,6 +14,7 @@ from torch import Tensor
 from apil_core.build import Attack, adversary_policy
 from apil_core.distributed.merging import merged
 from apil_core.distributed.replicas import Replicas
+from apil_core.doctor.processor import usable_cpus
 from apil_core.errors import PluginError
 from apil_core.evaluation import MAX_PARALLEL_GAMES, EvaluationResult, score
 from apil_core.learner import MAIN_STREAM
@@ -25,6 +28,7 @@ from apil_core.registry import make_game
 from apil_core.run_hooks import shown
 from apil_core.seats import run_victim
 from apil_core.side_games import SideGames
+from apil_core.torch_threads import side_by_side
 from apil_core.types import Rollout
 
 
@@ -51,6 +55,7 @@ class Trainer:
         self.hook = attack.hooks.hook
         self.wall_seconds = 0.0
         self._begun_at = 0
+        self._beside_ppo = False
         self.side_games = SideGames(attack, plugins)
         self.world = attack.world
         statistics = [attack.builder.normalizers, *attack.env.normalizers.values()]
@@ -118,22 +123,49 @@ class Trainer:
         if mixed is not None:
             mixed = hooks.checked("combine_advantages", "", mixed, tuple(rollout.done.shape))
         rollout.advantages = advantages[MAIN_STREAM] if mixed is None else mixed
-        metrics: dict[str, float] = {}
-        for name, plugin in hooks.plugins.items():
-            update = hooks.only(plugin).update_auxiliary(run=self, rollout=rollout)
-            merged = hooks.merged(update, "update_auxiliary")
-            for key, value in merged.items():
-                try:
-                    metrics[f"{name}/{key}"] = float(value)
-                except (TypeError, ValueError) as error:
-                    text = f"update_auxiliary: {key!r} must be a number, got {shown(value)}"
-                    raise PluginError(f"plugin {name!r}: {text}") from error
-        metrics.update(
-            learner.update(
-                rollout.advantages, as_given=mixed is not None, learning_rate=self._learning_rate()
-            )
+        update = partial(
+            learner.update,
+            rollout.advantages,
+            as_given=mixed is not None,
+            learning_rate=self._learning_rate(),
         )
+        return self._update(rollout, update)
+
+    def _update(self, rollout: Rollout, ppo: Callable[[], dict[str, float]]) -> dict[str, float]:
+        """Auxiliary models and PPO; what plugins hand back as a function is done beside PPO's update.
+
+        Only torch's global generator and the adversary's networks change in PPO's update, and such a function
+        may use neither: so the result is the same bit for bit whether both run at once or in turn.
+        """
+        hooks = self.attack.hooks
+        metrics: dict[str, float] = {}
+        later: dict[str, Callable[[], Any]] = {}
+        for name, plugin in hooks.plugins.items():
+            for answer in hooks.only(plugin).update_auxiliary(run=self, rollout=rollout):
+                if callable(answer):
+                    later[name] = answer
+                else:
+                    metrics |= _named(name, hooks.merged([answer], "update_auxiliary"))
+
+        def auxiliary() -> dict[str, float]:
+            done: dict[str, float] = {}
+            for name, work in later.items():
+                done |= _named(name, hooks.finished(name, work, rollout))
+            return done
+
+        self._beside_ppo = True
+        try:
+            for part in side_by_side(auxiliary, ppo, apart=bool(later) and self._has_cores):
+                metrics |= part
+        finally:
+            self._beside_ppo = False
         return metrics
+
+    @property
+    def _has_cores(self) -> bool:
+        """Whether there is a second core for this process; a GPU's queue is one anyway."""
+        threads = self.world.threads(self.config.threads) or usable_cpus()
+        return self.device.type == "cpu" and min(threads, usable_cpus()) > 1
 
     def _streams(self, rollout: Rollout) -> dict[str, Tensor]:
         """Further reward streams, checked: a stream left out once would train its critic on old targets."""
@@ -157,6 +189,9 @@ class Trainer:
 
     def collect(self, victim_side_policy: Policy, steps: int) -> Rollout:
         """See :meth:`apil_core.Run.collect`."""
+        if self._beside_ppo:
+            text = "run.collect: the adversary is being updated; call it before update_auxiliary returns"
+            raise PluginError(text)
         return self.side_games.collect(victim_side_policy, steps)
 
     def evaluate(
@@ -258,3 +293,19 @@ class Trainer:
         attack.env.restart()
         load_known_states(attack.methods, state["methods"])
         load_known_states(attack.hooks.of(Observer), state.get("observers", {}))
+
+
+def _named(plugin: str, answer: Mapping[str, Any]) -> dict[str, float]:
+    """A plugin's metrics as they are logged.
+
+    Raises:
+        PluginError: one is no number.
+    """
+    metrics = {}
+    for key, value in answer.items():
+        try:
+            metrics[f"{plugin}/{key}"] = float(value)
+        except (TypeError, ValueError) as error:
+            text = f"update_auxiliary: {key!r} must be a number, got {shown(value)}"
+            raise PluginError(f"plugin {plugin!r}: {text}") from error
+    return metrics

@@ -6,8 +6,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import torch
 from torch import Tensor
@@ -187,6 +187,15 @@ class Rollout:
     advantages: Tensor | None = None
     action_mean: Tensor | None = None
     action_std: Tensor | None = None
+
+    def after(self, step: int) -> Rollout:
+        """The rollout without its first ``step`` steps; views of the same memory."""
+        kept: dict[str, Any] = {}
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, Tensor) and not item.name.startswith("next_"):
+                kept[item.name] = value[step:]
+        return replace(self, **kept, groups={name: value[step:] for name, value in self.groups.items()})
 
     @property
     def steps(self) -> int:

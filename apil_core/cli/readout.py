@@ -58,23 +58,18 @@ def returns(metrics: Mapping[str, float]) -> str:
 def imitator(metrics: Mapping[str, float]) -> str:
     """How well the imitator knows the victim and the discriminator tells them apart; else empty."""
     parts = []
+    if "apil/relative_error" in metrics:
+        parts.append(f"error {metrics['apil/relative_error']:.2f} of the best constant's")
+    if "apil/explained_share" in metrics:
+        parts.append(f"explained share {metrics['apil/explained_share']:.0%}")
+    if "apil/log_likelihood" in metrics:
+        constant = metrics["apil/constant_log_likelihood"]
+        parts.append(f"log-likelihood {metrics['apil/log_likelihood']:.1f} (constant {constant:.1f})")
     on_victim = metrics.get("apil/discriminator_accuracy_victim")
     on_imitator = metrics.get("apil/discriminator_accuracy_imitator")
     if on_victim is not None and on_imitator is not None:
-        parts.append(f"discriminator right on victim {on_victim:.0%}, imitator {on_imitator:.0%}")
-    if "apil/log_likelihood" in metrics:
-        parts.append(
-            f"log-likelihood {metrics['apil/log_likelihood']:.2f}{_constant(metrics, 'log_likelihood')}"
-        )
-    if "apil/mse" in metrics:
-        parts.append(f"squared error {metrics['apil/mse']:.3f}{_constant(metrics, 'mse')}")
+        parts.append(f"D right on victim {on_victim:.0%}, imitator {on_imitator:.0%}")
     return ", ".join(parts)
-
-
-def _constant(metrics: Mapping[str, float], name: str) -> str:
-    """What the best constant prediction reaches: the imitator should do better."""
-    best = metrics.get(f"apil/constant_{name}")
-    return "" if best is None else f" (a constant {best:.2f})"
 
 
 class Endings:

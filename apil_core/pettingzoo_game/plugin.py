@@ -8,7 +8,7 @@ from typing import Any
 from apil_core.hooks import hookimpl
 from apil_core.specs import GameSpec
 
-APIL_HOOK_API = 1
+APIL_HOOK_API = 2
 
 _FAMILY = GameSpec(
     name="pettingzoo",

@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from apil_core.config_absent import filled
 from apil_core.config_errors import problems_of, raise_problems
 from apil_core.config_layers import file_layer
 from apil_core.config_yaml import commented_yaml
@@ -72,7 +73,7 @@ class RetrainDir:
             raise RunDirError(f"{self.path} is no retraining's directory (no config.yaml of one in it)")
         layer = file_layer(self.files.config_path)
         try:
-            return RetrainConfig.model_validate(layer.data)
+            return RetrainConfig.model_validate(filled(layer.data, RetrainConfig))
         except ValidationError as error:
             raise_problems(problems_of(error, RetrainConfig), layer.origins)
             raise

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from apil_core import checkpoint
 from apil_core.checkpoint_fit import check_same_settings, fitting
+from apil_core.config_absent import filled
 from apil_core.config_errors import problems_of
 from apil_core.errors import ConfigError, RunDirError
 from apil_core.log_rows import iterations_in_rows
@@ -118,7 +119,8 @@ def resume(
 
 def _check_same(state: Mapping[str, Any], config: RetrainConfig, path: Path) -> None:
     ours = config.model_dump(mode="json")
-    theirs = {**ours, **state.get("config", {})}  # older ones lack new keys
+    stored = {**ours, **filled(state.get("config", {}), RetrainConfig)}
+    theirs = RetrainConfig.model_validate(stored).model_dump(mode="json")
     check_same_settings(ours, theirs, set(ours) - set(MAY_CHANGE), path)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from apil_core.hooks import hookimpl
 from apil_core.specs import PolicySpec
 
-APIL_HOOK_API = 1
+APIL_HOOK_API = 2
 
 
 @hookimpl

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from apil_core import GameSpec, Matchup, PolicySpec, PublishedScore, RewardWeights, hookimpl
 
-APIL_HOOK_API = 1
+APIL_HOOK_API = 2
 
 
 def _published(win: float, win_or_tie: float) -> PublishedScore:

@@ -21,7 +21,7 @@ def test_run_shows_progress_and_a_table(apil: Apil, tmp_path: Path) -> None:
     lines = done.err.splitlines()
     assert lines[0].startswith("e_apil against baseline:zero/2x1 in coin, seed 0, 8 games × 16 steps → ")
     assert "iteration 2: 256 of 256 steps | " in done.err
-    for part in ("steps/s", "win ", "returns: adversary", "discriminator right on victim", "log-likelihood"):
+    for part in ("steps/s", "win ", "returns: adversary", "D right on victim", "log-likelihood"):
         assert part in done.err
     for part in (
         "win or tie",

@@ -19,16 +19,18 @@ METRICS = {
     "return/adversary": -1.5, "return/victim": 2.5, "episode_length": 40.0,
     "cause/goal": 3, "cause/time-up": 1,
     "apil/discriminator_accuracy_victim": 0.8, "apil/discriminator_accuracy_imitator": 0.6,
-    "apil/log_likelihood": -3.25, "apil/mse": 0.125, "apil/constant_mse": 0.5,
+    "apil/log_likelihood": -3.25, "apil/constant_log_likelihood": -4.0, "apil/relative_error": 0.25,
+    "apil/explained_share": 0.8,
 }  # fmt: skip
 
 EXPECTED = (
     # Wilson by hand, 30 of 100, z = 1.96: centre (30 + 1.92) / (100 + 3.84) = .3074,
     # half width 1.96 / 103.84 · √(100·.3·.7 + .96) = .0885
     "win 30.0 % [21.9, 39.6]",
-    "discriminator right on victim 80%, imitator 60%",
-    "log-likelihood -3.25",
-    "squared error 0.125 (a constant 0.50)",
+    "D right on victim 80%, imitator 60%",
+    "error 0.25 of the best constant's",
+    "explained share 80%",
+    "log-likelihood -3.2 (constant -4.0)",
     "adversary -1.5, victim 2.5, game length 40.0",
     "goal 75%, time-up 25%",
 )

@@ -111,9 +111,9 @@ DISCOVERY = {
     "`register_methods` fails": module("@hookimpl\ndef register_methods(): return [][0]"),
     "`register_methods` returns nothing": module("@hookimpl\ndef register_methods(): pass"),
     "`register_methods` returns names": module("@hookimpl\ndef register_methods(): return ['bad']"),
-    "is built for a newer hook API": Case("APIL_HOOK_API = 2", INNOCENT),
+    "is built for a newer hook API": Case("APIL_HOOK_API = 3", INNOCENT),
     "is built for a newer one, imports what is new": Case(
-        "APIL_HOOK_API = 2\nfrom apil_core import Invented", INNOCENT
+        "APIL_HOOK_API = 3\nfrom apil_core import Invented", INNOCENT
     ),
     "is built for one no longer supported": Case("APIL_HOOK_API = 0", INNOCENT),
     "states no number": Case("APIL_HOOK_API = 'one'", INNOCENT),

@@ -31,7 +31,7 @@ def test_nothing_given_gives_the_defaults_with_the_games_own_values_spelt_out(
     )
     assert config.game == {"margin": 0.5}
     assert set(config.options) == {"apl", "apil", "e_apil"}
-    assert config.options["apil"]["imitator"]["update"] == "trpo"
+    assert config.options["apil"]["imitator"]["update"] == "ppo"
 
 
 def test_each_layer_covers_the_one_below(registry: PluginRegistry, tmp_path: Path) -> None:
@@ -93,8 +93,24 @@ def test_every_preset_is_valid_for_every_method(
     assert set(config.options) == {spec.name for spec in registry.method_chain(config.method) if spec.config}
 
 
-def test_the_paper_preset_is_the_defaults(registry: PluginRegistry) -> None:
-    assert resolve(presets=["paper"], plugins=registry) == resolve(plugins=registry)
+def test_the_paper_preset_is_the_defaults_but_for_the_imitator(registry: PluginRegistry) -> None:
+    published = differences(resolve(presets=["paper"], plugins=registry), resolve(plugins=registry))
+    assert published == {
+        "options.apil.imitator.credit": ("return", None),
+        "options.apil.imitator.update": ("trpo", "ppo"),
+        "options.apil.imitator.value_epochs": (4, 1),
+        "options.apil.imitator.minibatches": (4, 32),
+        "options.apil.discriminator.epochs": (None, 2),
+        "options.apil.discriminator.minibatches": (None, 32),
+        "options.apil.discriminator.gradient_penalty": (0.0, 0.3),
+    }
+
+
+def test_the_published_imitator_is_paid_for_the_return_and_d_steps_with_ppo(registry: PluginRegistry) -> None:
+    for preset in ("paper", "apil-code"):
+        apil = resolve(presets=[preset], plugins=registry).options["apil"]
+        assert apil["imitator"]["credit"] == "return"
+        assert apil["discriminator"]["epochs"] is apil["discriminator"]["minibatches"] is None
 
 
 def test_code_presets_have_the_published_action_modes_and_batches(registry: PluginRegistry) -> None:
@@ -132,9 +148,9 @@ def test_the_apil_code_preset_takes_the_codes_side_everywhere(registry: PluginRe
     )
 
 
-def test_a_stored_config_reads_back_equal(registry: PluginRegistry, tmp_path: Path) -> None:
-    config = resolve(presets=["apil-code"], sets=["ppo.learning_rate=1e-5", "seed=3"], plugins=registry)
-    for text in (dump_yaml(config), dump_yaml(config, registry)):
+def test_a_stored_config_reads_back_equal(found: PluginRegistry, tmp_path: Path) -> None:
+    config = resolve(presets=["apil-code"], sets=["ppo.learning_rate=1e-5", "seed=3"], plugins=found)
+    for text in (dump_yaml(config), dump_yaml(config, found)):
         assert load_resolved(write(tmp_path / "config.yaml", text)) == config
 
 

@@ -46,6 +46,17 @@ def test_training_raises_the_win_rate(tmp_path, method):
             assert min(gains) > 0, f"{ours} is no better than the best constant: {gains}"
 
 
+@pytest.mark.parametrize("objective", ["gail", "likelihood", "both"])
+def test_the_imitator_beats_the_best_constant(tmp_path, objective):
+    """By a margin: the constant is fitted to the very actions, the imitator has not seen them."""
+    options = {"apil": {"imitator": {"objective": objective}}}
+    config = small_config("apil", steps=25 * 2048, num_envs=32, ppo={"num_steps": 64}, options=options)
+    run(config, out=tmp_path / "r")
+    last = [json.loads(x) for x in (tmp_path / "r" / "metrics.jsonl").read_text().splitlines()][-5:]
+    assert sum(m["apil/relative_error"] for m in last) / 5 < 0.9
+    assert sum(m["apil/explained_share"] for m in last) / 5 > 0.3
+
+
 @pytest.mark.slow
 def test_the_discriminator_does_not_saturate_at_the_default_epochs(tmp_path):
     """At a step size of 3e-4 it called everything the victim's for good, and the imitator ran away."""

@@ -96,7 +96,7 @@ def test_hooks_opened_by_what_is_required_are_known(checked):
     body = "@hookimpl\n    def imitation_reward(self, rollout): return rollout.reward"
     report = checked(offering('"m", "looked_at:Made", requires=("apil",)', body))["looked_at"]
     assert report.broken == ()
-    assert report.remarks == ("states no hook API version: add APIL_HOOK_API = 1 beside its hooks",)
+    assert report.remarks == ("states no hook API version: add APIL_HOOK_API = 2 beside its hooks",)
 
 
 def test_a_method_that_is_a_torch_module_does_not_stop_the_check(checked):
@@ -116,7 +116,7 @@ def test_the_verb_tells_broken_ones_by_its_exit_code(tmp_path, monkeypatch, caps
     (row,) = [row for row in json.loads(capsys.readouterr().out) if row["name"] == "newer"]
     assert (caught.value.code, row["hook_api"]) == (1, 7)
     assert row["broken"] == [
-        "built for hook API 7, this APIL offers 1: upgrade apil, or install an older newer"
+        "built for hook API 7, this APIL offers 2: upgrade apil, or install an older newer"
     ]
 
 

@@ -91,7 +91,7 @@ def test_the_public_api_is_the_one_listed() -> None:
 
 def test_the_listing_tells_signatures_fields_and_methods_apart() -> None:
     lines = listing().splitlines()
-    assert "HOOK_API: int = 1" in lines
+    assert "HOOK_API: int = 2" in lines
     assert "class Method(RunPlugin)" in lines
     assert "    def state_dict(self) -> dict[str, Any]" in lines
     assert "    reward: Tensor" in lines

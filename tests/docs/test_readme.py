@@ -302,4 +302,6 @@ def test_every_option_of_a_method_stands_on_its_page(name: str) -> None:
 
 
 def _shown(value: object) -> str:
+    if value is None:
+        return "`null`"
     return f"`{str(value).lower() if isinstance(value, bool) else value}`"

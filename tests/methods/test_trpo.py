@@ -85,7 +85,8 @@ def test_fisher_product_is_the_hessian_of_kl():
 def test_the_imitator_learns_what_pays(update):
     """Paid for −(a − s)², it must come to predict s."""
     torch.manual_seed(1)
-    imitator = Imitator(1, 1, ImitatorConfig(update=update, init_std=0.5, kl=0.05, learning_rate=3e-3))
+    config = ImitatorConfig(update=update, init_std=0.5, kl=0.05, learning_rate=3e-3, minibatches=4)
+    imitator = Imitator(1, 1, config, per_step=True, stream_discount=(0.99, 0.95))
     generator = torch.Generator().manual_seed(0)
     states = torch.rand(16, 64, 1) * 2 - 1
 
@@ -99,7 +100,8 @@ def test_the_imitator_learns_what_pays(update):
             actions = imitator(states).sample(generator)
         rewards = -(actions - states).square()[..., 0]
         done = torch.ones(16, 64, dtype=torch.bool)
-        metrics = imitator.learn(Experience(states, states[-1], actions, rewards, done), generator)
+        flat = states.flatten(0, 1), actions.flatten(0, 1)
+        metrics = imitator.learn(Experience(states, states[-1], actions, done, *flat, rewards), generator)
         if update == "trpo":
             assert metrics["imitator_kl"] <= 0.05
     assert error() < 0.3 * before

@@ -9,6 +9,8 @@ from core.paper_runs import VICTIM, row
 from core.small_runs import small_config
 
 from apil_core.bench.folder import write_score
+from apil_core.config_io import complete
+from apil_core.registry import default_plugins
 from apil_core.report.evidence import gather
 from apil_core.report.models import Evidence
 from apil_core.rundir import RunDir
@@ -21,7 +23,7 @@ ROWS = [row(1000, 100, 50), row(2000, 100, 60)]
 def _run(path: Path, wins: int, score: dict[str, Any] | None = None, **changes: Any) -> RunDir:
     run = RunDir(path)
     config = small_config(**{"method": "adrl", "victim": VICTIM, "steps": 2000, **changes})
-    write_run(run, config, ROWS)
+    write_run(run, complete(config, default_plugins()), ROWS)
     run.write_json(run.result_path, {"status": "finished", "steps": 2000})
     own = {"env": TOY, "trained_steps": 2000, "game_settings": {}, **(score or {})}
     write_score(run.path, "plain", result(own.pop("env"), wins, 0, 100, **own))
@@ -87,7 +89,7 @@ def test_what_a_victim_was_defended_by_in_training_is_told_with_its_options(tmp_
     found = _gather(*runs)
     assert len(_numbers(found)) == 2
     told = {setting.axes["observers"] for setting in found.settings}
-    assert told == {f"masked_observation (way={way})" for way in ("zeros", "noise")}
+    assert told == {f"masked_observation (way={way}, share=0.5)" for way in ("zeros", "noise")}
     assert not any(setting.changes_method for setting in found.settings)
 
 

@@ -6,7 +6,7 @@ from apil_core import MethodSpec, hookimpl
 
 __all__ = ["APIL_HOOK_API", "register_methods"]
 
-APIL_HOOK_API = 1
+APIL_HOOK_API = 2
 """The hook API this package was written for."""
 
 

@@ -6,12 +6,12 @@ from apil_core import MethodSpec, hookimpl
 
 __all__ = ["register_methods"]
 
-APIL_HOOK_API = 1
+APIL_HOOK_API = 2
 
 
 @hookimpl
 def register_methods() -> list[MethodSpec]:
-    """APIL, on top of APL; opens the hook ``imitation_reward``."""
+    """APIL, on top of APL; opens ``imitation_reward`` and ``imitation_streams``."""
     return [
         MethodSpec(
             name="apil",

@@ -16,10 +16,12 @@ if TYPE_CHECKING:
 def imitation_reward(run: Run, rollout: Rollout, logits: Tensor) -> Tensor | None:
     """Pay APIL's imitator, step by step.
 
-    APIL answers with log D(s, ã) or −log(1 − D). Wrap it (``@hookimpl(wrapper=True)``) to add to
-    that, as E-APIL does; implement it to replace it.
+    APIL answers with log D(s, ã), −log(1 − D) or their sum. Wrap it (``@hookimpl(wrapper=True)``) to add
+    to that; implement it to replace it. With ``credit: step`` each ã_t is paid for its own step only: what
+    is to reach back over a game belongs into ``imitation_streams``. With ``objective: likelihood`` it is
+    logged and pays nothing.
 
-    When: once per iteration, before the imitator's policy-gradient update.
+    When: once per iteration, after D's update and before the imitator's; beside PPO's update.
 
     Args:
         run: the run.
@@ -28,4 +30,23 @@ def imitation_reward(run: Run, rollout: Rollout, logits: Tensor) -> Tensor | Non
 
     Returns:
         the imitator's reward, (T, n) float32.
+    """
+
+
+@hookspec(since=2)
+def imitation_streams(run: Run, rollout: Rollout) -> dict[str, tuple[float, Tensor]] | None:
+    """Pay APIL's imitator for what comes later in the game.
+
+    Every stream has a critic of its own and is discounted by ``ppo.gamma`` and ``ppo.lam``. Its advantages,
+    normalised over the rollout, are added with its weight to those of D's reward. With ``credit: return``
+    there is one reward: D's plus weight × reward of each stream.
+
+    When: once per iteration, before D's update.
+
+    Args:
+        run: the run.
+        rollout: the ``Rollout`` the imitator learns from.
+
+    Returns:
+        ``{name: (weight, reward)}``, reward (T, n) float32, the same names in every rollout, or ``None``.
     """

@@ -1,25 +1,19 @@
-"""The imitator π̃ of the victim: policy, critic, and their update by TRPO or PPO."""
+"""The imitator π̃ of the victim: its policy, and the update by TRPO or PPO (docs/methods.md §2)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from apil_apil.config import ImitatorConfig
+from apil_apil.critic import ADAM_EPSILON, Critic, batches, descend
 from apil_apil.trpo import TrustRegion, trpo_step
-from apil_core import (
-    DiagonalGaussian,
-    GaussianActor,
-    ReturnNormalizer,
-    gae,
-    mlp,
-    normalize_advantages,
-)
-
-_ADAM_EPSILON = 1e-5
+from apil_core import DiagonalGaussian, GaussianActor, ReturnNormalizer, normalize_advantages
 
 
 @dataclass
@@ -30,65 +24,105 @@ class Experience:
         states: normalised, (T, n, s).
         next_states: after the last step, (n, s).
         actions: ã as drawn from the imitator, (T, n, a).
-        rewards: η, (T, n).
         done: (T, n), bool.
+        victim_states, victim_actions: what the victim did where, (m, s) and (m, a); m ≥ T·n.
+        rewards: of D, (T, n); ``None``: D does not pay.
+        streams: further rewards, discounted: name → (weight, (T, n)).
+        likelihood_weight: of the victim's mean log-likelihood in the objective.
     """
 
     states: Tensor
     next_states: Tensor
     actions: Tensor
-    rewards: Tensor
     done: Tensor
+    victim_states: Tensor
+    victim_actions: Tensor
+    rewards: Tensor | None
+    streams: Mapping[str, tuple[float, Tensor]] = field(default_factory=dict)
+    likelihood_weight: float = 0.0
 
 
 class Imitator(nn.Module):
-    """A Gaussian policy on the victim's (normalised) observation, with its own critic.
+    """A Gaussian policy on the victim's (normalised) observation, with a critic for each of its rewards.
 
     Args:
         state_size, action_size: what it reads and predicts.
         config: layers and update settings.
+        per_step: ``credit: step``, ã_t is paid by D for its own step alone.
+        stream_discount: γ and λ of the further reward streams.
     """
 
-    def __init__(self, state_size: int, action_size: int, config: ImitatorConfig):
+    def __init__(
+        self,
+        state_size: int,
+        action_size: int,
+        config: ImitatorConfig,
+        *,
+        per_step: bool,
+        stream_discount: tuple[float, float],
+    ):
         super().__init__()
         self.config = config
+        self.per_step = per_step
+        self.stream_discount = stream_discount
+        self.state_size = state_size
         self.policy = GaussianActor(state_size, action_size, config.hidden, config.init_std)
-        self.critic = mlp((state_size, *config.hidden, 1))
+        self.critic = Critic(state_size, config)
         self.scale: ReturnNormalizer | None = None
-        self.optimizer = torch.optim.Adam(self.policy.parameters(), config.learning_rate, eps=_ADAM_EPSILON)
-        self.value_optimizer = torch.optim.Adam(
-            self.critic.parameters(), config.value_learning_rate, eps=_ADAM_EPSILON
-        )
+        self.optimizer = torch.optim.Adam(self.policy.parameters(), config.learning_rate, eps=ADAM_EPSILON)
+        self.stream_critics = nn.ModuleDict()
 
     def forward(self, states: Tensor) -> DiagonalGaussian:
         """Predicted distribution of the victim's action, for normalised states (…, s)."""
         distribution: DiagonalGaussian = self.policy(states)
         return distribution
 
+    def open_stream(self, name: str, seed: int = 0) -> None:
+        """Make the critic of a reward stream if there is none yet, its weights drawn apart from all else."""
+        if name in self.stream_critics:
+            return
+        device = self.policy.log_std.device
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(zlib.crc32(f"{seed} {name}".encode()))
+            self.stream_critics[name] = Critic(self.state_size, self.config).to(device)
+
     def learn(self, experience: Experience, generator: torch.Generator) -> dict[str, float]:
-        """One policy-gradient update and the critic's passes; returns metrics."""
-        config = self.config
+        """One update of the policy and the passes of its critics; returns metrics."""
+        advantages = self.advantages(experience)
+        update = self._trpo if self.config.update == "trpo" else self._ppo
+        metrics = update(experience, None if advantages is None else advantages.flatten(), generator)
         states = experience.states.flatten(0, 1)
-        with torch.no_grad():
-            rewards = self._scaled(experience.rewards, experience.done)
-            values = self.critic(experience.states)[..., 0]
-            last = self.critic(experience.next_states)[..., 0]
-            advantages = gae(rewards, values, last, experience.done, gamma=config.gamma, lam=config.lam)
-        targets = (advantages + values).flatten()
-        actions = experience.actions.flatten(0, 1)
-        scaled = normalize_advantages(advantages).flatten()
-        update = self._trpo if config.update == "trpo" else self._ppo
-        metrics = update(states, actions, scaled, generator)
-        metrics["value_loss"] = self._fit_critic(states, targets, generator)
+        if experience.rewards is not None:
+            metrics["value_loss"] = self.critic.fit(states, generator)
+        for name in experience.streams:
+            metrics[f"value_loss_{name}"] = self._stream_critic(name).fit(states, generator)
         return {f"imitator_{name}": value for name, value in metrics.items()}
 
-    def _scaled(self, rewards: Tensor, done: Tensor) -> Tensor:
+    def advantages(self, experience: Experience) -> Tensor | None:
+        """What the policy gradient weighs log π̃(ã) with, (T, n); ``None`` if nothing pays for ã.
+
+        z(A_D) + Σ weight · z(A_stream), z to mean 0 and standard deviation 1 over the rollout. A_D is
+        D's reward less its expectation V(s) (``credit: step``), or GAE of its return.
+        """
+        parts = []
+        if experience.rewards is not None:
+            gamma, lam = (0.0, 0.0) if self.per_step else (self.config.gamma, self.config.lam)
+            rewards = experience.rewards if self.per_step else self._scaled(experience)
+            parts.append(_normalized(self.critic, experience, rewards, gamma, lam))
+        for name, (weight, rewards) in experience.streams.items():
+            critic = self._stream_critic(name)
+            parts.append(weight * _normalized(critic, experience, rewards, *self.stream_discount))
+        return torch.stack(parts).sum(0) if parts else None
+
+    def _scaled(self, experience: Experience) -> Tensor:
         """η in units of the running std of its discounted return, (T, n).
 
         A positive factor, so the policy's objective is the same; but log D adds up to about −100 over
         a game, which a critic that starts at 0 would take a hundred iterations to reach, and until
         then the advantage would mostly say how soon the game ends.
         """
+        rewards, done = experience.rewards, experience.done
+        assert rewards is not None
         if self.scale is None:
             self.scale = ReturnNormalizer(rewards.shape[1], self.config.gamma, clip=float("inf"))
             self.scale.to(rewards.device)
@@ -98,75 +132,86 @@ class Imitator(nn.Module):
         return scaled
 
     def _trpo(
-        self, states: Tensor, actions: Tensor, advantages: Tensor, generator: torch.Generator
+        self, experience: Experience, advantages: Tensor | None, generator: torch.Generator
     ) -> dict[str, float]:
         config = self.config
+        states, actions = experience.states.flatten(0, 1), experience.actions.flatten(0, 1)
 
         def surrogate(new: DiagonalGaussian, old: DiagonalGaussian) -> Tensor:
-            gain = ((new.log_prob(actions) - old.log_prob(actions)).exp() * advantages).mean()
-            return gain + config.entropy_coefficient * new.entropy().mean()
+            gain = config.entropy_coefficient * new.entropy().mean()
+            if advantages is not None:
+                ratio = (new.log_prob(actions) - old.log_prob(actions)).exp()
+                gain = (ratio * advantages).mean() + gain
+            return gain + self._likelihood(experience) if experience.likelihood_weight else gain
 
         region = TrustRegion(config.kl, config.cg_steps, config.damping, config.backtracks)
-        rows = _permutation(len(states), generator)[: max(1, int(len(states) * config.fisher_fraction))]
+        (rows,) = batches(len(states), 1, 1, generator)
+        rows = rows[: max(1, int(len(states) * config.fisher_fraction))]
         return trpo_step(self.policy, states, surrogate, region, rows)
 
     def _ppo(
-        self, states: Tensor, actions: Tensor, advantages: Tensor, generator: torch.Generator
+        self, experience: Experience, advantages: Tensor | None, generator: torch.Generator
     ) -> dict[str, float]:
         config = self.config
+        states, actions = experience.states.flatten(0, 1), experience.actions.flatten(0, 1)
         with torch.no_grad():
             before = self.policy(states)
             before = DiagonalGaussian(before.mean.clone(), before.std.clone())
             old = before.log_prob(actions)
-        for _ in range(config.epochs):
-            for rows in _permutation(len(states), generator).chunk(config.minibatches):
-                new = self.policy(states.index_select(0, rows))
+        for rows in batches(len(states), config.epochs, config.minibatches, generator):
+            new = self.policy(states.index_select(0, rows))
+            loss = -config.entropy_coefficient * new.entropy().mean()
+            if advantages is not None:
                 ratio = (new.log_prob(actions[rows]) - old[rows]).exp()
                 clipped = ratio.clamp(1 - config.clip, 1 + config.clip)
-                gain = torch.min(ratio * advantages[rows], clipped * advantages[rows]).mean()
-                loss = -gain - config.entropy_coefficient * new.entropy().mean()
-                self._descend(loss, self.policy, self.optimizer)
+                loss = loss - torch.min(ratio * advantages[rows], clipped * advantages[rows]).mean()
+            if experience.likelihood_weight:
+                loss = loss - self._likelihood(experience, rows)
+            descend(loss, self.policy, self.optimizer, config.max_grad_norm)
         with torch.no_grad():
             return {"kl": float(before.kl(self.policy(states)).mean())}
 
-    def _fit_critic(self, states: Tensor, targets: Tensor, generator: torch.Generator) -> float:
-        losses = []
-        for _ in range(self.config.value_epochs):
-            for rows in _permutation(len(states), generator).chunk(self.config.minibatches):
-                loss = (self.critic(states.index_select(0, rows))[..., 0] - targets[rows]).square().mean()
-                self._descend(loss, self.critic, self.value_optimizer)
-                losses.append(loss.detach())
-        return float(torch.stack(losses).mean())
+    def _likelihood(self, experience: Experience, rows: Tensor | None = None) -> Tensor:
+        """Weighted mean log-likelihood of the victim's actions, all or some of them, ()."""
+        states, actions = experience.victim_states, experience.victim_actions
+        if rows is not None:
+            states, actions = states.index_select(0, rows), actions[rows]
+        return experience.likelihood_weight * self.policy(states).log_prob(actions).mean()
 
-    def _descend(self, loss: Tensor, module: nn.Module, optimizer: torch.optim.Optimizer) -> None:
-        optimizer.zero_grad()
-        loss.backward()
-        nn.utils.clip_grad_norm_(module.parameters(), self.config.max_grad_norm)
-        optimizer.step()
+    def _stream_critic(self, name: str) -> Critic:
+        critic = self.stream_critics[name]
+        assert isinstance(critic, Critic)
+        return critic
 
     def training_state(self) -> dict[str, Any]:
         """Weights and optimisers."""
         return {
             "policy": self.policy.state_dict(),
-            "critic": self.critic.state_dict(),
             "scale": None if self.scale is None else self.scale.state_dict(),
             "optimizer": self.optimizer.state_dict(),
-            "value_optimizer": self.value_optimizer.state_dict(),
+            "streams": {name: self._stream_critic(name).training_state() for name in self.stream_critics},
+            **self.critic.training_state(),
         }
 
     def load_training_state(self, state: dict[str, Any]) -> None:
         """Restore what :meth:`training_state` gave."""
         self.policy.load_state_dict(state["policy"])
-        self.critic.load_state_dict(state["critic"])
+        self.critic.load_training_state(state)
         if state["scale"] is not None:
             self.scale = ReturnNormalizer(
                 len(state["scale"]["returns"]), self.config.gamma, clip=float("inf")
             )
             self.scale.load_state_dict(state["scale"])
-            self.scale.to(next(self.policy.parameters()).device)
+            self.scale.to(self.policy.log_std.device)
         self.optimizer.load_state_dict(state["optimizer"])
-        self.value_optimizer.load_state_dict(state["value_optimizer"])
+        for name, critic in state.get("streams", {}).items():  # older ones have none
+            self.open_stream(name)
+            self._stream_critic(name).load_training_state(critic)
 
 
-def _permutation(count: int, generator: torch.Generator) -> Tensor:
-    return torch.randperm(count, generator=generator, device=generator.device)
+def _normalized(critic: Critic, experience: Experience, rewards: Tensor, gamma: float, lam: float) -> Tensor:
+    """Advantages of ``rewards`` at mean 0 and standard deviation 1 over the rollout, (T, n)."""
+    advantages = critic.advantages(
+        experience.states, experience.next_states, rewards, experience.done, gamma=gamma, lam=lam
+    )
+    return normalize_advantages(advantages)

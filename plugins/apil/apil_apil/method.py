@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from apil_apil.config import ApilConfig
-from apil_apil.discriminator import Discriminator, imitation_loss, reward_log_d, reward_neg_log_1md
+from apil_apil.discriminator import REWARDS, Discriminator
 from apil_apil.imitator import Experience, Imitator
 from apil_apil.quality import accuracy, prediction_quality
 from apil_core import (
@@ -31,6 +33,26 @@ from apil_core import (
 PREDICTION = "prediction"
 """Observation group with ã."""
 
+DEFAULT_CREDIT = {"shared": "step", "own": "return"}
+"""``imitator.credit`` where it is not given: only in games of its own does ã_t bring about what follows."""
+
+
+@dataclass
+class Games:
+    """A rollout as imitator and D read it.
+
+    Attributes:
+        rollout: the games.
+        states: normalised, (T, n, s).
+        scored: those that D reads with the action of a step, (T, n, s).
+        actions: of the victim, or of the imitator, (T, n, a).
+    """
+
+    rollout: Rollout
+    states: Tensor
+    scored: Tensor
+    actions: Tensor
+
 
 class Apil(Method):
     """Feeds ã^ν to the adversary; after each rollout updates D, then the imitator; PPO comes last."""
@@ -47,11 +69,15 @@ class Apil(Method):
         state_size, action_size = sizes[options.observes], setup.victim.action_size
         device = setup.device
         self.normalizer = ObservationNormalizer(state_size).to(device)
-        self.imitator = Imitator(state_size, action_size, options.imitator).to(device)
+        per_step = (options.imitator.credit or DEFAULT_CREDIT[options.rollouts]) == "step"
+        self.imitator = Imitator(
+            state_size,
+            action_size,
+            options.imitator,
+            per_step=per_step,
+            stream_discount=(setup.ppo.gamma, setup.ppo.lam),
+        ).to(device)
         self.discriminator = Discriminator(state_size, action_size, options.discriminator).to(device)
-        self.discriminator_optimizer = torch.optim.Adam(
-            self.discriminator.parameters(), options.discriminator.learning_rate
-        )
         self.action_scale = ObservationNormalizer(action_size).to(device)
 
     @hookimpl
@@ -88,66 +114,146 @@ class Apil(Method):
         return torch.cat([victim_observation, observation], dim=-1)
 
     @hookimpl
-    def update_auxiliary(self, run: Run, rollout: Rollout) -> dict[str, float] | None:
-        """D's cross-entropy, then the imitator's policy gradient, on this iteration's games."""
+    def update_auxiliary(self, run: Run, rollout: Rollout) -> Callable[[], dict[str, float]] | None:
+        """D's cross-entropy, then the imitator's update, on this iteration's games; beside PPO's update."""
         if self.options.prediction == "noise":
             self.action_scale.update(rollout.victim_action.flatten(0, 1))
         if self.options.prediction != "imitator":
             return None
-        fresh = bool(self.normalizer.moments.count == 0)
         raw = self._state(rollout.victim_observation, rollout.observation)
+        fresh = bool(self.normalizer.moments.count == 0)
         if fresh:  # the first rollout was played without statistics
             self.normalizer.update(raw.flatten(0, 1))
         states = self.normalizer(raw)
-        victim_states, victim_actions = self._scored(states, rollout), rollout.victim_action
-        metrics = prediction_quality(self._distribution(states), victim_actions)
-        played, played_states, actions = self._own(run, rollout, states, fresh)
-        shared = played is rollout
-        scored = victim_states if shared else self._scored(played_states, played)
-        if shared:
-            victim_logits, old_logits = self._logits(scored, victim_actions, actions)
-        else:
-            (victim_logits,) = self._logits(victim_states, victim_actions)
-            (old_logits,) = self._logits(scored, actions)
-        metrics.update(accuracy(victim_logits, old_logits))
-        metrics["discriminator_loss"] = self._update_discriminator(
-            run, (victim_states, victim_actions), (scored, actions), shared
+        victim = Games(rollout, states, self._scored(states, rollout), rollout.victim_action)
+        own = self._own(run, victim, fresh)
+        streams = self._streams(run, own.rollout)
+
+        def learn() -> dict[str, float]:
+            metrics = prediction_quality(self._distribution(states), rollout)
+            metrics |= self._learn(run, victim, own, streams)
+            if not fresh:
+                self.normalizer.update(raw.flatten(0, 1))
+            return metrics
+
+        return learn
+
+    def _learn(
+        self, run: Run, victim: Games, own: Games, streams: Mapping[str, tuple[float, Tensor]]
+    ) -> dict[str, float]:
+        """Update D on what the victim and the imitator did, then the imitator; returns metrics.
+
+        Args:
+            run: the run.
+            victim: games in which the victim acted.
+            own: games the imitator learns from, and its actions.
+            streams: what pays the imitator beside D.
+        """
+        metrics, logits = self._update_discriminator(run, victim, own)
+        rewards = self._rewards(run, own.rollout, logits)
+        paid = None if self.options.imitator.objective == "likelihood" else rewards
+        if not self.imitator.per_step:
+            for weight, reward in streams.values():
+                paid = weight * reward + (0.0 if paid is None else paid)
+            streams = {}
+        metrics["imitation_reward"] = float((rewards if paid is None else paid).mean())
+        played = own.rollout
+        experience = Experience(
+            own.states,
+            self.normalizer(self._state(played.next_victim_observation, played.next_observation)),
+            own.actions,
+            played.done,
+            victim.states.flatten(0, 1),
+            victim.actions.flatten(0, 1),
+            paid,
+            streams,
+            self._likelihood_weight(run.steps),
         )
-        logits = old_logits if self.options.reward_time == "collected" else self._logits(scored, actions)[0]
-        rewards = run.hook.imitation_reward(run=run, rollout=played, logits=logits)
+        if experience.likelihood_weight:
+            metrics["likelihood_weight"] = experience.likelihood_weight
+        return metrics | self.imitator.learn(experience, run.generator)
+
+    def _update_discriminator(self, run: Run, victim: Games, own: Games) -> tuple[dict[str, float], Tensor]:
+        """D's passes; returns metrics, and its logits of the imitator's actions that are paid for, (T, n)."""
+        if own.rollout is victim.rollout:  # the states' share of D's work is done once
+            victim_logits, logits = self._logits(victim.scored, victim.actions, own.actions)
+        else:
+            (victim_logits,) = self._logits(victim.scored, victim.actions)
+            (logits,) = self._logits(own.scored, own.actions)
+        metrics = accuracy(victim_logits, logits)
+        real = victim.scored.flatten(0, 1), victim.actions.flatten(0, 1)
+        states = real[0] if own.scored is victim.scored else own.scored.flatten(0, 1)
+        fake = states, own.actions.flatten(0, 1)
+        metrics["discriminator_loss"] = self.discriminator.fit(real, fake, self._passes(), run.generator)
+        if self.options.reward_time == "after_update":
+            (logits,) = self._logits(own.scored, own.actions)
+        return metrics, logits
+
+    def _rewards(self, run: Run, played: Rollout, logits: Tensor) -> Tensor:
+        """What the hook pays, (T, n), checked."""
+        rewards: Tensor = run.hook.imitation_reward(run=run, rollout=played, logits=logits)
         if rewards.shape != logits.shape:
             got, want = tuple(rewards.shape), tuple(logits.shape)
             raise PluginError(f"imitation_reward must return shape {want}, got {got}")
-        metrics["imitation_reward"] = float(rewards.mean())
-        following = self.normalizer(self._state(played.next_victim_observation, played.next_observation))
-        experience = Experience(played_states, following, actions, rewards, played.done)
-        metrics.update(self.imitator.learn(experience, run.generator))
-        if not fresh:
-            self.normalizer.update(raw.flatten(0, 1))
-        return metrics
+        return rewards
+
+    def _streams(self, run: Run, played: Rollout) -> dict[str, tuple[float, Tensor]]:
+        """What else the imitator is paid for, by name, checked; makes critics for what is new."""
+        streams: dict[str, tuple[float, Tensor]] = {}
+        shape = tuple(played.done.shape)
+        for answer in run.hook.imitation_streams(run=run, rollout=played):
+            try:
+                named = {name: (float(weight), reward.detach()) for name, (weight, reward) in answer.items()}
+            except (AttributeError, TypeError, ValueError) as error:
+                form = f"{{name: (weight, reward {shape} float32)}}"
+                raise PluginError(f"imitation_streams must return {form}: {error}") from error
+            for name, (_, reward) in named.items():
+                if name in streams:
+                    raise PluginError(f"imitation_streams: {name!r} is returned twice; names must differ")
+                if reward.shape != shape or not bool(torch.isfinite(reward).all()):
+                    got = f"{tuple(reward.shape)}, finite: {bool(torch.isfinite(reward).all())}"
+                    raise PluginError(f"imitation_streams: {name!r} must be {shape} and finite, got {got}")
+                if self.imitator.per_step:
+                    self.imitator.open_stream(name, run.config.seed)
+            streams |= named
+        return streams
+
+    def _likelihood_weight(self, steps: int) -> float:
+        """Of the victim's log-likelihood after ``steps`` environment steps, by ``imitator.objective``."""
+        config = self.options.imitator
+        if config.objective != "both":
+            return 1.0 if config.objective == "likelihood" else 0.0
+        falling = config.likelihood_weight * 0.5 ** (steps / config.likelihood_half_life)
+        return max(falling, config.likelihood_floor)
+
+    def _passes(self) -> tuple[int, int]:
+        """Epochs and minibatches of D."""
+        own, ppo = self.options.discriminator, self.setup.ppo
+        return own.epochs or ppo.epochs, own.minibatches or ppo.minibatches
 
     @hookimpl
     def imitation_reward(self, logits: Tensor) -> Tensor:
-        """log D(s, ã), or −log(1 − D) as the published code has it; shape (T, n)."""
-        reward = reward_log_d if self.options.reward == "log_d" else reward_neg_log_1md
-        return reward(logits)
+        """log D(s, ã), −log(1 − D) as the published code has it, or their sum; shape (T, n)."""
+        return REWARDS[self.options.reward](logits)
 
-    def _own(self, run: Run, rollout: Rollout, states: Tensor, fresh: bool) -> tuple[Rollout, Tensor, Tensor]:
-        """The rollout the imitator learns from, its normalised states, and ã in it.
+    def _own(self, run: Run, victim: Games, fresh: bool) -> Games:
+        """The games the imitator learns from, with ã.
 
-        Shared: ã as the adversary saw it, redrawn where that was no sample of the present policy.
-        Own: further games with the imitator in the victim's seat.
+        Shared: the victim's, ã as the adversary saw it, redrawn where that was no sample of the present
+        policy. Own: further games with the imitator in the victim's seat.
         """
         if self.options.rollouts == "own":
-            played = run.collect(ImitatorPolicy(self), run.config.ppo.num_steps)
-            played_states = self.normalizer(self._state(played.victim_observation, played.observation))
-            return played, played_states, played.victim_action
+            # its first row was decided before the imitator's last update
+            played = run.collect(ImitatorPolicy(self), run.config.ppo.num_steps).after(1)
+            states = self.normalizer(self._state(played.victim_observation, played.observation))
+            return Games(played, states, self._scored(states, played), played.victim_action)
         if fresh or self.options.prediction_actions == "mode":
-            return rollout, states, self._distribution(states).sample(run.generator)
-        # the first row was drawn before the last update: draw it anew, from the present policy
-        actions = rollout.groups[PREDICTION].clone()
-        actions[0] = self._distribution(states[0]).sample(run.generator)
-        return rollout, states, actions
+            actions = self._distribution(victim.states).sample(run.generator)
+        else:
+            # the first row was drawn before the last update: draw it anew, from the present policy
+            actions = victim.rollout.groups[PREDICTION].clone()
+            actions[0] = self._distribution(victim.states[0]).sample(run.generator)
+        return replace(victim, actions=actions)
 
     def _scored(self, states: Tensor, rollout: Rollout) -> Tensor:
         """States D reads with a_t: s_t, or s_{t+1} as the published code has it; (T, n, s)."""
@@ -155,29 +261,6 @@ class Apil(Method):
             return states
         last = self._state(rollout.next_victim_observation, rollout.next_observation)
         return torch.cat([states[1:], self.normalizer(last).unsqueeze(0)])
-
-    def _update_discriminator(
-        self, run: Run, victim: tuple[Tensor, Tensor], imitator: tuple[Tensor, Tensor], shared: bool
-    ) -> float:
-        """As many steps as PPO takes minibatches; returns the mean loss."""
-        ppo = run.config.ppo
-        flat = [tensor.flatten(0, 1) for tensor in (*victim, *imitator)]
-        losses = []
-        for _ in range(ppo.epochs):
-            order = torch.randperm(len(flat[0]), generator=run.generator, device=run.device)
-            for rows in order.chunk(ppo.minibatches):
-                states, actions = flat[0].index_select(0, rows), flat[1][rows]
-                if shared:
-                    real, fake = self.discriminator.logits(states, actions, flat[3][rows])
-                else:
-                    (real,) = self.discriminator.logits(states, actions)
-                    (fake,) = self.discriminator.logits(flat[2][rows], flat[3][rows])
-                loss = imitation_loss(real, fake)
-                self.discriminator_optimizer.zero_grad()
-                loss.backward()
-                self.discriminator_optimizer.step()
-                losses.append(loss.detach())
-        return float(torch.stack(losses).mean())
 
     @torch.no_grad()
     def _distribution(self, states: Tensor) -> DiagonalGaussian:
@@ -192,7 +275,7 @@ class Apil(Method):
         return {
             "imitator": self.imitator.training_state(),
             "discriminator": self.discriminator.state_dict(),
-            "discriminator_optimizer": self.discriminator_optimizer.state_dict(),
+            "discriminator_optimizer": self.discriminator.optimizer.state_dict(),
             "normalizer": self.normalizer.state_dict(),
             "action_scale": self.action_scale.state_dict(),
         }
@@ -201,7 +284,7 @@ class Apil(Method):
         """See :meth:`apil_core.Method.load_state_dict`."""
         self.imitator.load_training_state(state["imitator"])
         self.discriminator.load_state_dict(state["discriminator"])
-        self.discriminator_optimizer.load_state_dict(state["discriminator_optimizer"])
+        self.discriminator.optimizer.load_state_dict(state["discriminator_optimizer"])
         self.normalizer.load_state_dict(state["normalizer"])
         self.action_scale.load_state_dict(state["action_scale"])
 

@@ -5,24 +5,40 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from apil_core import DiagonalGaussian
+from apil_core import DiagonalGaussian, Rollout
 
 
-def prediction_quality(prediction: DiagonalGaussian, action: Tensor) -> dict[str, float]:
-    """Log-likelihood (nats per step) and mean squared error of predicting ``action`` (T, n, a).
+def prediction_quality(prediction: DiagonalGaussian, rollout: Rollout) -> dict[str, float]:
+    """How well ``prediction`` (T, n, a) foresees the victim's actions, on games not learnt from yet.
 
-    Measured on games the imitator has not learnt from. ``constant_*`` are the same for the best
-    constant Gaussian fitted to these very actions, which sees the answers: a high bar.
+    ``constant_*`` are of the best constant Gaussian fitted to these very actions, which sees the answers: a
+    high bar. ``relative_error`` is ``mse`` over the constant's. ``explained_share`` is how much is explained
+    of what can be: (MSE_constant − MSE) / (MSE_constant − MSE_victim), MSE_victim that of the victim's own
+    mean, its noise; absent where the victim does not tell its mean (a black box), or is constant but for
+    noise.
+
+    Returns:
+        log-likelihoods in nats per step, mean squared errors per action component, and the two shares.
     """
+    action = rollout.victim_action
     flat = action.flatten(0, -2)
     constant = DiagonalGaussian(flat.mean(0), flat.std(0).clamp_min(1e-6))
-    return {
+    error = float((prediction.mean - action).square().mean())
+    bar = float((constant.mean - flat).square().mean())
+    metrics = {
         "log_likelihood": float(prediction.log_prob(action).mean()),
-        "mse": float((prediction.mean - action).square().mean()),
         "constant_log_likelihood": float(constant.log_prob(flat).mean()),
-        "constant_mse": float((constant.mean - flat).square().mean()),
+        "mse": error,
+        "constant_mse": bar,
         "imitator_std": float(prediction.std.mean()),
     }
+    if bar > 0:
+        metrics["relative_error"] = error / bar
+    if rollout.victim_mean is not None:
+        noise = float((rollout.victim_mean - action).square().mean())
+        if bar > noise:
+            metrics["explained_share"] = (bar - error) / (bar - noise)
+    return metrics
 
 
 def accuracy(victim_logits: Tensor, imitator_logits: Tensor) -> dict[str, float]:

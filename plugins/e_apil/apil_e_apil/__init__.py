@@ -6,12 +6,12 @@ from apil_core import MethodSpec, hookimpl
 
 __all__ = ["register_methods"]
 
-APIL_HOOK_API = 1
+APIL_HOOK_API = 2
 
 
 @hookimpl
 def register_methods() -> list[MethodSpec]:
-    """E-APIL: wraps APIL's hook ``imitation_reward``."""
+    """E-APIL: fills APIL's hook ``imitation_streams``."""
     return [
         MethodSpec(
             name="e_apil",

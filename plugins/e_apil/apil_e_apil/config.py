@@ -9,4 +9,4 @@ class EApilConfig(Section):
     """Weight of the adversary's reward in the imitator's."""
 
     beta: float = 1.0
-    """β in η = log D(s, ã) − β·r̂^α."""
+    """β, the weight of −V_α: of normalised advantages, or (credit: return) η = log D(s, ã) − β·r̂^α."""
