@@ -49,7 +49,9 @@ def check_same_policy(state: dict[str, Any], config: RunConfig, plugins: PluginR
     methods = state.get("methods", {})
 
     def of_methods(settings: Mapping[str, Any]) -> dict[str, Any]:
-        options = {name: section for name, section in settings["options"].items() if name in methods}
+        options = settings["options"]
+        if isinstance(options, Mapping):
+            options = {name: section for name, section in options.items() if name in methods}
         return {**settings, "options": options}
 
     ours, theirs = config.model_dump(mode="json"), _stored(state, plugins)
@@ -57,9 +59,9 @@ def check_same_policy(state: dict[str, Any], config: RunConfig, plugins: PluginR
 
 
 def _stored(state: dict[str, Any], plugins: PluginRegistry) -> dict[str, Any]:
-    """The settings in a checkpoint, complete, as JSON has them."""
-    complete = with_absent(state.get("config", {}), plugins)
-    return RunConfig.model_validate(complete).model_dump(mode="json")
+    """The settings in a checkpoint, complete; not checked, as they are only compared."""
+    stored = state.get("config")
+    return with_absent(stored if isinstance(stored, Mapping) else {}, plugins)
 
 
 def check_same_settings(

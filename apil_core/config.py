@@ -26,7 +26,8 @@ def absent(value: Any) -> Absent:
     """Annotate a key that was added to a released model, where its default is not what was done before.
 
     ``key: Annotated[int | None, absent(None)] = 4``: new configs get 4, a stored one without the key means
-    null. Keys without this mark mean their default, then as now.
+    null. Keys without this mark mean their default, then as now. Sections inside sections are looked into,
+    sections in lists and dicts are not.
     """
     return Absent(value)
 
@@ -133,7 +134,7 @@ class RunConfig(Section):
     num_envs: Annotated[int, Field(gt=0)] = 128
     """Games stepped together."""
     threads: Annotated[int, Field(ge=0)] = 0
-    """Physics threads; 0: all CPUs. Never changes results."""
+    """Threads of physics, and of the update (two at most); 0: all CPUs. Never changes results."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
     """Seed of everything random."""
     device: str = "cpu"

@@ -3,32 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from contextlib import suppress
+from types import UnionType
+from typing import Any, Union, get_args, get_origin
 
 from pydantic import BaseModel
+from pydantic_core import to_jsonable_python
 
 from apil_core.config import Absent, RunConfig
 from apil_core.config_layers import texts_in
-from apil_core.config_models import full_model
+from apil_core.config_models import options_model
 from apil_core.errors import ApilError
 from apil_core.plugins import PluginRegistry
+from apil_core.specs import RunPluginSpec
 
 
-def with_absent(data: Mapping[str, Any], plugins: PluginRegistry) -> dict[str, Any]:
-    """Settings that a run stored, complete: of the core, of its methods and observers, and of its game.
+def with_absent(
+    data: Mapping[str, Any], plugins: PluginRegistry, model: type[BaseModel] = RunConfig
+) -> dict[str, Any]:
+    """Stored settings, complete: the core's, methods' and observers', and the game's; nothing is checked.
 
     Args:
-        data: as JSON or YAML has them; may lack keys, not have wrong ones.
+        data: as JSON or YAML has them.
         plugins: know the models of options. Options of what is not among them stay as they are.
+        model: of the settings: a run's, or others that name a game.
+
+    Returns:
+        the settings as JSON has them.
     """
-    model: type[BaseModel] = RunConfig
-    try:
-        parts = plugins.run_plugins(str(data.get("method", "")), texts_in(data.get("observers")))
-        model = full_model(plugins, parts, str(data.get("env", "")))
-    except ApilError:  # something of it is not installed: whoever builds it says so
-        return filled(data, RunConfig)
-    opened: dict[str, Any] = {spec.name: {} for spec in parts if spec.config}
-    return filled({**data, "options": {**opened, **(data.get("options") or {})}}, model)
+    complete = filled(data, model)
+    options = complete.get("options")
+    if "options" in model.model_fields and isinstance(options, Mapping):
+        complete["options"] = opened = dict(options)
+        for spec in _parts(complete, plugins):
+            _fill(opened, spec.name, spec.config)
+    with suppress(ApilError):  # a game that is not installed: whoever plays it says so
+        _fill(complete, "game", plugins.game(str(complete.get("env", ""))).config)
+    jsonable: dict[str, Any] = to_jsonable_python(complete, fallback=repr)
+    return jsonable
 
 
 def completed(config: RunConfig, plugins: PluginRegistry) -> RunConfig:
@@ -40,11 +52,32 @@ def filled(data: Mapping[str, Any], model: type[BaseModel]) -> dict[str, Any]:
     """``data`` with every key of ``model`` it lacks, at the value marked ``absent``, or else its default."""
     complete = dict(data)
     for name, field in model.model_fields.items():
-        section = field.annotation if isinstance(field.annotation, type) else None
-        inside = complete.get(name, {})
-        if section and issubclass(section, BaseModel) and isinstance(inside, Mapping):
-            complete[name] = filled(inside, section)
-        elif name not in complete and not field.is_required():
-            marked = [mark.value for mark in field.metadata if isinstance(mark, Absent)]
-            complete[name] = marked[0] if marked else field.get_default(call_default_factory=True)
+        marked = [mark.value for mark in field.metadata if isinstance(mark, Absent)]
+        section = _section(field.annotation)
+        if name not in complete and (marked or not field.is_required()):
+            value = marked[0] if marked else field.get_default(call_default_factory=True)
+            # what a section's default does not state itself may be marked inside
+            complete[name] = value.model_dump(exclude_unset=True) if isinstance(value, BaseModel) else value
+        if section is not None and isinstance(complete.get(name), Mapping):
+            complete[name] = filled(complete[name], section)
     return complete
+
+
+def _parts(data: Mapping[str, Any], plugins: PluginRegistry) -> tuple[RunPluginSpec, ...]:
+    with suppress(ApilError):  # a method that is not installed: whoever builds it says so
+        return plugins.run_plugins(str(data.get("method", "")), texts_in(data.get("observers")))
+    return ()
+
+
+def _fill(sections: dict[str, Any], name: str, reference: str | None) -> None:
+    """Fill the section of that name, absent or empty ones too, by the model that a spec refers to."""
+    section = {} if sections.get(name) is None else sections[name]
+    if reference is not None and isinstance(section, Mapping):
+        sections[name] = filled(section, options_model(reference))
+
+
+def _section(annotation: Any) -> type[BaseModel] | None:
+    """The model behind ``Model`` or ``Model | None``; ``None`` for all else, lists of models too."""
+    options = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
+    found = [option for option in options if isinstance(option, type) and issubclass(option, BaseModel)]
+    return found[0] if len(found) == 1 else None

@@ -21,6 +21,9 @@ from apil_core.errors import ConfigError, UnknownNameError
 
 Key = tuple[str | int, ...]
 
+IDENTITY = ("version", "method", "env", "victim", "steps", "num_envs", "seed", "reward", "ppo", "options")
+"""What every stored config has; a default in its place would silently be another run."""
+
 _PATH_KEYS = ("init_from", "plugins")
 
 
@@ -33,7 +36,7 @@ class Layer:
         origins: key path → where it was written.
         preset: a preset's options for methods that are not in use are dropped, others' are errors.
         command_line: it is a flag or a ``--set``.
-        stored: a run's own config, in which a missing key means what its absence meant then.
+        stored: a whole config, as runs store it: a key it lacks is younger, and means what absence meant.
     """
 
     data: dict[str, Any]
@@ -91,8 +94,7 @@ def file_layer(path: Path) -> Layer:
     Raises:
         ConfigError: it cannot be read or is not a YAML mapping.
     """
-    stored = path.is_dir()
-    path = path / "config.yaml" if stored else path
+    path = path / "config.yaml" if path.is_dir() else path
     try:
         text = path.read_text("utf-8")
     except FileNotFoundError:
@@ -101,7 +103,8 @@ def file_layer(path: Path) -> Layer:
         raise ConfigError(f"{path}: cannot be read: {error}") from error
     data, lines = parse_yaml(text, str(path))
     data = from_folder(path.parent, data)
-    return Layer(data, {key: f"{path}:{line}" for key, line in lines.items()}, stored=stored)
+    origins = {key: f"{path}:{line}" for key, line in lines.items()}
+    return Layer(data, origins, stored=set(IDENTITY) <= data.keys())
 
 
 def from_folder(folder: Path, data: Mapping[str, Any]) -> dict[str, Any]:

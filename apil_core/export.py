@@ -19,6 +19,7 @@ import torch
 from apil_core import checkpoint
 from apil_core.adversary_file import to_bytes, without_folders
 from apil_core.config import RunConfig
+from apil_core.config_absent import completed
 from apil_core.errors import ApilError, ConfigError
 from apil_core.exported_network import Traced, onnx_bytes, torchscript_bytes, trace
 from apil_core.extras import need
@@ -101,6 +102,7 @@ def export(
     config = source.run_dir.config().model_copy(update={"device": "cpu"})
     files = [*config.plugins, *plugin_files]
     plugins = discover(files) if files else default_plugins()
+    config = completed(config, plugins)
     game = make_game(config.env, num_envs=_GAMES, threads=1, options=config.game, plugins=plugins)
     try:
         return _Export(source, config, plugins, game).write(format, out)

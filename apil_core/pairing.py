@@ -12,6 +12,7 @@ import torch
 
 from apil_core.build import check_device, observing_alone
 from apil_core.config import ActionMode, RunConfig
+from apil_core.config_absent import completed
 from apil_core.errors import ConfigError, RunDirError
 from apil_core.game import Game
 from apil_core.game_options import with_game_options
@@ -174,6 +175,7 @@ def load_pairing(
     source, stored = _stored(adversary, env, checkpoint_path)
     plugins = plugins or _plugins([stored, *_victims_config(victim)], plugin_files)
     about_observers, others = about(observers or {}, sets)
+    stored = stored if source is None else completed(stored, plugins)
     config = with_game_options(stored, plugins, game_options, others, physics)
     config = with_observers(config, plugins, observers or {}, about_observers)
     _adjust(config, victim, trust, device, adversary_actions, victim_actions)

@@ -81,7 +81,7 @@ def resume(
         run_dir: directory of the run.
         steps: new total of environment steps; default: as configured.
         checkpoint_path: continue from this one instead of the newest (later metrics are dropped).
-        threads: physics threads for this session; never changes results.
+        threads: of physics, and of the update (two at most), for this session; never changes results.
         progress: who is told how it goes.
         command: stored in ``environment.json``.
 

@@ -47,7 +47,7 @@ class SideGames:
     def _play(self, env: AttackEnv, policy: Policy, steps: int) -> Rollout:
         env.run = self._attack.env.run
         env.victim = policy
-        env.buffer = env.buffer if env.buffer.num_steps == steps else RolloutBuffer(steps)
+        env.buffer = RolloutBuffer(steps)  # what was collected before may still be learnt from
         # reward statistics are the training games': r̂ must mean the same in both
         for name, module in env.normalizers.items():
             module.moments.load_state_dict(self._attack.env.normalizers[name].moments.state_dict())

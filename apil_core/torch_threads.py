@@ -36,7 +36,7 @@ def side_by_side(
     torch lets go of Python's lock in its operators, so two threads do keep two cores busy.
 
     Args:
-        first: run in a thread of its own if ``apart``; what it raises wins.
+        first: run in a thread of its own if ``apart``; if both fail, its error is raised, as in turn.
         second: run here.
         apart: at once.
     """
@@ -46,6 +46,6 @@ def side_by_side(
         future = pool.submit(first)
         try:
             result = second()
-        finally:
-            future.exception()  # waits: nothing may go on learning while an error is handled
+        except Exception as error:
+            raise future.exception() or error  # noqa: B904  (the other one's does not follow from it)
         return future.result(), result

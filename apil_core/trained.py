@@ -87,7 +87,6 @@ class Source:
         Raises:
             RunDirError: the checkpoint is damaged, or of another run.
         """
-        config = completed(config, plugins)
         state = checkpoint.read(self.path)
         check_same_policy(state, config, plugins, self.path)
         side = 1 - victim_side(config, plugins)
@@ -121,6 +120,7 @@ def load(name: str, *, seat: SideLayout | None, plugins: PluginRegistry, device:
     source = Source.find(Path(name))
     config = source.run_dir.config().model_copy(update={"device": device})
     plugins = discover(config.plugins) if config.plugins else plugins
+    config = completed(config, plugins)
     game = make_game(config.env, num_envs=1, threads=1, options=config.game, plugins=plugins)
     try:
         layout = game.layout

@@ -62,9 +62,9 @@ def imitator(metrics: Mapping[str, float]) -> str:
         parts.append(f"error {metrics['apil/relative_error']:.2f} of the best constant's")
     if "apil/explained_share" in metrics:
         parts.append(f"explained share {metrics['apil/explained_share']:.0%}")
-    if "apil/log_likelihood" in metrics:
-        constant = metrics["apil/constant_log_likelihood"]
-        parts.append(f"log-likelihood {metrics['apil/log_likelihood']:.1f} (constant {constant:.1f})")
+    own, constant = metrics.get("apil/log_likelihood"), metrics.get("apil/constant_log_likelihood")
+    if own is not None and constant is not None:
+        parts.append(f"log-likelihood {own:.1f} (constant {constant:.1f})")
     on_victim = metrics.get("apil/discriminator_accuracy_victim")
     on_imitator = metrics.get("apil/discriminator_accuracy_imitator")
     if on_victim is not None and on_imitator is not None:

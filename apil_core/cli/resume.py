@@ -27,7 +27,10 @@ def resume(
     checkpoint: Annotated[
         Path | None, Parameter(help="Checkpoint to continue from [default: the newest].")
     ] = None,
-    threads: Annotated[int | None, Parameter(help="Physics threads; never changes results.")] = None,
+    threads: Annotated[
+        int | None,
+        Parameter(help="Threads of physics, and of the update (two at most); never changes results."),
+    ] = None,
     show: Show = False,
     quiet: Quiet = False,
     as_json: Json = False,

@@ -91,7 +91,7 @@ class World:
         return stream_seed(seed, f"rank {self.rank}")
 
     def threads(self, threads: int) -> int:
-        """Physics threads of this process: 0 (all CPUs) is shared out among those on this machine."""
+        """Threads of this process: 0 (all CPUs) is shared out among those on this machine."""
         if threads or self.local_size == 1:
             return threads
         return max(1, (os.cpu_count() or 1) // self.local_size)

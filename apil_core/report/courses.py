@@ -22,6 +22,7 @@ POINTS = 300
 _FACTS = {
     "apil/mse": "imitator: squared error",
     "apil/constant_mse": "best constant: squared error",
+    "apil/explained_share": "imitator: share explained of what can be",
     "apil/log_likelihood": "imitator: log-likelihood",
     "apil/constant_log_likelihood": "best constant: log-likelihood",
     "apil/discriminator_accuracy_victim": "discriminator: accuracy on the victim",

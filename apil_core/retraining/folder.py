@@ -9,12 +9,13 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from apil_core.config_absent import filled
+from apil_core.config_absent import with_absent
 from apil_core.config_errors import problems_of, raise_problems
 from apil_core.config_layers import file_layer
 from apil_core.config_yaml import commented_yaml
 from apil_core.errors import RunDirError
 from apil_core.files import write_atomically
+from apil_core.registry import default_plugins
 from apil_core.retraining.mark import is_retraining
 from apil_core.retraining.options import RetrainConfig
 from apil_core.rundir import DEFAULT_ROOT, RunDir
@@ -73,7 +74,8 @@ class RetrainDir:
             raise RunDirError(f"{self.path} is no retraining's directory (no config.yaml of one in it)")
         layer = file_layer(self.files.config_path)
         try:
-            return RetrainConfig.model_validate(filled(layer.data, RetrainConfig))
+            RetrainConfig.model_validate(layer.data)  # wrong values are told with their lines
+            return RetrainConfig.model_validate(with_absent(layer.data, default_plugins(), RetrainConfig))
         except ValidationError as error:
             raise_problems(problems_of(error, RetrainConfig), layer.origins)
             raise

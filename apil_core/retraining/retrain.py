@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from apil_core import checkpoint
 from apil_core.checkpoint_fit import check_same_settings, fitting
-from apil_core.config_absent import filled
+from apil_core.config_absent import with_absent
 from apil_core.config_errors import problems_of
 from apil_core.errors import ConfigError, RunDirError
 from apil_core.log_rows import iterations_in_rows
@@ -94,14 +94,14 @@ def resume(
         path = checkpoint_path or files.newest_checkpoint()
         state = checkpoint.read(path)
         config = _changed(stored, steps, threads)
-        _check_same(state, config, path)
+        registry = plugins or _plugins(config)
+        _check_same(state, config, registry, path)
         ended = (space.result() or {}).get("status") == "finished"
         if ended and state["steps"] >= config.steps:
             raise RunDirError(
                 f"{space.path} is finished at {state['steps']} steps; to extend it: "
                 f"apil resume {space.path} --steps N with N > {state['steps']}"
             )
-        registry = plugins or _plugins(config)
         setting = prepare(config, registry)
         try:
             with fitting(path):
@@ -117,10 +117,10 @@ def resume(
             setting.close()
 
 
-def _check_same(state: Mapping[str, Any], config: RetrainConfig, path: Path) -> None:
+def _check_same(state: Mapping[str, Any], config: RetrainConfig, plugins: PluginRegistry, path: Path) -> None:
     ours = config.model_dump(mode="json")
-    stored = {**ours, **filled(state.get("config", {}), RetrainConfig)}
-    theirs = RetrainConfig.model_validate(stored).model_dump(mode="json")
+    stored = state.get("config")
+    theirs = with_absent(stored if isinstance(stored, Mapping) else {}, plugins, RetrainConfig)
     check_same_settings(ours, theirs, set(ours) - set(MAY_CHANGE), path)
 
 

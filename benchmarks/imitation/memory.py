@@ -106,7 +106,10 @@ def main() -> None:
         last = {key: sum(row[key] for row in found[-5:]) / 5 for key in found[-1]}
         print(f"{name}, mean of the last five: {json.dumps(last)}")
     if arguments.out:
-        arguments.out.write_text(json.dumps(rows, indent=1) + "\n")
+        kept = {
+            name: [{k: round(v, 4) for k, v in row.items()} for row in found] for name, found in rows.items()
+        }
+        arguments.out.write_text(json.dumps(kept) + "\n")
 
 
 if __name__ == "__main__":

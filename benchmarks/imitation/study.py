@@ -29,12 +29,12 @@ from apil_core.seats import victim_side
 from apil_core.torch_threads import one_torch_thread
 from apil_core.types import Rollout
 
-VARIANTS = Path(__file__).with_name("variants.yaml")
-FORMATTER = argparse.RawDescriptionHelpFormatter
-SHOWN = (
+KEPT = (
     *("mse", "relative_error", "explained_share", "log_likelihood", "constant_log_likelihood"),
     *("imitator_std", "discriminator_accuracy_victim", "discriminator_accuracy_imitator"),
 )
+VARIANTS = Path(__file__).with_name("variants.yaml")
+FORMATTER = argparse.RawDescriptionHelpFormatter
 
 
 def main() -> None:
@@ -65,22 +65,31 @@ def main() -> None:
             )
             begin = time.perf_counter()
             found[name] = imitate(config, files)
-            print(f"{name} ({time.perf_counter() - begin:.0f} s)")
-            for row in chosen(found[name]):
-                print("   ", "  ".join(f"{key} {value:.3f}" for key, value in row.items()), flush=True)
+            print(table({name: found[name]})[0], f"{time.perf_counter() - begin:.0f} s", flush=True)
     if arguments.out:
-        arguments.out.write_text(json.dumps(found, indent=1) + "\n")
+        kept = {name: [{k: round(row[k], 4) for k in KEPT} for row in rows] for name, rows in found.items()}
+        arguments.out.write_text(json.dumps(kept) + "\n")
 
 
-def chosen(rows: list[dict[str, float]]) -> list[dict[str, float]]:
-    """Metrics after 10, 20, 40 and all rollouts, each the mean of the last five."""
-    ends = [end for end in (10, 20, 40) if end < len(rows)] + [len(rows)]
-    keys = [key for key in SHOWN if key in rows[-1]]
-    table = []
-    for end in ends:
-        last = rows[max(0, end - 5) : end]
-        table.append({"n": float(end), **{key: sum(row[key] for row in last) / len(last) for key in keys}})
-    return table
+def table(found: dict[str, list[dict[str, float]]]) -> list[str]:
+    """Rows of Markdown: error after 10, 20, 40 and all rollouts, then shares, likelihood and D at the end."""
+    lines = []
+    for name, rows in found.items():
+        ends = [end for end in (10, 20, 40) if end < len(rows)] + [len(rows)]
+        errors = " / ".join(f"{mean(rows[:end], 'relative_error'):.2f}" for end in ends)
+        likelihoods = [mean(rows, key) for key in ("log_likelihood", "constant_log_likelihood")]
+        right = [mean(rows, f"discriminator_accuracy_{who}") for who in ("victim", "imitator")]
+        cells = (
+            *(name, errors, f"{mean(rows, 'explained_share'):.2f}"),
+            *("{:.1f} ({:.1f})".format(*likelihoods), "{:.2f}/{:.2f}".format(*right)),
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    return lines
+
+
+def mean(rows: list[dict[str, float]], key: str) -> float:
+    """Over the last five of ``rows``: single rollouts do not tell."""
+    return sum(row[key] for row in rows[-5:]) / len(rows[-5:])
 
 
 def imitate(config: RunConfig, files: list[Path]) -> list[dict[str, float]]:

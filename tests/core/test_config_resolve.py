@@ -99,6 +99,8 @@ def test_the_paper_preset_is_the_defaults_but_for_the_imitator(registry: PluginR
         "options.apil.imitator.credit": ("return", None),
         "options.apil.imitator.update": ("trpo", "ppo"),
         "options.apil.imitator.value_epochs": (4, 1),
+        "options.apil.imitator.learning_rate": (3e-4, 6e-4),
+        "options.apil.imitator.epochs": (4, 2),
         "options.apil.imitator.minibatches": (4, 32),
         "options.apil.discriminator.epochs": (None, 2),
         "options.apil.discriminator.minibatches": (None, 32),

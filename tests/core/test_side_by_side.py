@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 
 import pytest
 import torch
@@ -99,16 +100,26 @@ def test_the_thread_beside_has_one_torch_thread_too():
 
 
 def test_an_error_here_waits_for_the_work_there():
-    begun, ended = threading.Event(), threading.Event()
+    failed, ended = threading.Event(), []
 
     def work():
-        begun.set()
-        ended.set()
+        failed.wait(10)
+        time.sleep(0.05)
+        ended.append(True)
 
     def fail():
-        begun.wait(10)
+        failed.set()
         raise KeyError("here")
 
     with pytest.raises(KeyError):
         side_by_side(work, fail, apart=True)
-    assert ended.is_set()
+    assert ended == [True]
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_of_two_errors_the_first_functions_is_raised(apart):
+    def fail(error):
+        raise error
+
+    with pytest.raises(ValueError, match="first"):
+        side_by_side(lambda: fail(ValueError("first")), lambda: fail(KeyError("second")), apart=apart)

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import pytest
 import torch
 from torch import nn
 
+from apil_apil import discriminator
 from apil_apil.config import DiscriminatorConfig, ImitatorConfig
 from apil_apil.discriminator import Discriminator
 from apil_apil.imitator import Experience, Imitator
+from apil_apil.method import Games
 from apil_apil.quality import prediction_quality
-from apil_core import DiagonalGaussian
-from methods.test_rewards import rollout_with
+from apil_core import ConfigError, DiagonalGaussian, PluginError, RunConfig
+from apil_core.build import build_hooks
+from apil_core.registry import default_plugins
+from methods.test_rewards import rollout_with, setup_of
 
 REWARDS, STREAM, BETA, GAMMA = (1.0, 2.0, 6.0), (0.0, 0.0, -1.0), 0.5, 0.5
 
@@ -119,3 +124,102 @@ def test_shares_of_what_can_be_predicted():
     assert quality["log_likelihood"] == pytest.approx(-0.5 * 2.5 - 0.5 * math.log(2 * math.pi))
     rollout.victim_mean = None  # a black box
     assert "explained_share" not in prediction_quality(prediction, rollout)
+
+
+def method_of(name, **options):
+    config = RunConfig(method=name, env="toy-pursuit", options=options)
+    methods, hooks = build_hooks(config, default_plugins(), setup_of(config))
+    return methods["apil"], SimpleNamespace(config=config, hook=hooks.hook, steps=0)
+
+
+@pytest.mark.parametrize(("objective", "of_d"), [("gail", 1.0), ("likelihood", 0.0)])
+def test_credit_return_pays_the_published_reward(monkeypatch, objective, of_d):
+    """η = log D − β·r̂^α in one reward; without log D where D does not pay."""
+    apil, run = method_of(
+        "e_apil", e_apil={"beta": 0.5}, apil={"imitator": {"credit": "return", "objective": objective}}
+    )
+    rollout = rollout_with([[0.0, 2.0, -3.0]])
+    rollout.done = torch.zeros(1, 3, dtype=torch.bool)
+    rollout.next_victim_observation = rollout.next_observation = torch.zeros(3, 3)
+    games = Games(rollout, torch.zeros(1, 3, 3), torch.zeros(1, 3, 3), torch.zeros(1, 3, 2))
+    logits = torch.tensor([[0.0, 1.0, -1.0]])
+    monkeypatch.setattr(apil, "_update_discriminator", lambda *given: ({}, logits))
+    seen = []
+    monkeypatch.setattr(apil.imitator, "learn", lambda experience, generator: seen.append(experience) or {})
+    run.generator = None
+    metrics = apil._learn(run, games, games, apil._streams(run, rollout))
+    log_d = [math.log(1 / (1 + math.exp(-x))) for x in (0.0, 1.0, -1.0)]
+    expected = [of_d * d - 0.5 * r for d, r in zip(log_d, (0.0, 2.0, -3.0), strict=True)]
+    assert seen[0].rewards.flatten().tolist() == pytest.approx(expected)
+    assert seen[0].streams == {}
+    assert metrics["imitation_reward"] == pytest.approx(sum(expected) / 3, abs=1e-6)
+
+
+def test_the_weight_of_the_likelihood_halves_down_to_its_floor():
+    config = {"objective": "both", "likelihood_weight": 0.8, "likelihood_half_life": 100.0}
+    apil, _ = method_of("apil", apil={"imitator": config})
+    assert [apil._likelihood_weight(steps) for steps in (0, 100, 200, 10**6)] == [0.8, 0.4, 0.2, 0.1]
+    assert method_of("apil")[0]._likelihood_weight(0) == 0.0
+    assert method_of("apil", apil={"imitator": {"objective": "likelihood"}})[0]._likelihood_weight(9) == 1.0
+
+
+def test_the_logit_is_the_sum_of_both_published_rewards():
+    logits = torch.tensor([[0.3, -2.0]])
+    rewards = discriminator.REWARDS
+    both = rewards["log_d"](logits) + rewards["neg_log_1md"](logits)
+    torch.testing.assert_close(rewards["logit"](logits), both)
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (3, r"must return {name: \(weight, reward\)} or None"),
+        ({"x": torch.zeros(2, 2)}, "or None"),
+        ({"x": (1.0, 3)}, "'x' must have a tensor as its reward, got int"),
+        ({"x": (1.0, torch.zeros(2))}, r"'x' must be \(1, 3\) torch.float32 on cpu, got \(2,\)"),
+        ({"x": (1.0, torch.zeros(1, 3, dtype=torch.float64))}, "torch.float64"),
+        ({"x": (math.nan, torch.zeros(1, 3))}, "NaN or infinite"),
+        ({"x": (1.0, torch.full((1, 3), math.inf))}, "NaN or infinite"),
+    ],
+)
+def test_a_stream_that_cannot_be_learnt_from_is_one_line(answer, message):
+    apil, run = method_of("apil")
+    run.hook = SimpleNamespace(imitation_streams=lambda **given: [answer])
+    rollout = rollout_with([[0.0, 0.0, 0.0]])
+    rollout.done = torch.zeros(1, 3, dtype=torch.bool)
+    with pytest.raises(PluginError, match=message):
+        apil._streams(run, rollout)
+
+
+def test_streams_may_have_any_name_and_keep_it():
+    apil, run = method_of("apil")
+    rollout = rollout_with([[0.0, 0.0, 0.0]])
+    rollout.done = torch.zeros(1, 3, dtype=torch.bool)
+    names = {"a.b": 1.0, "values": 2.0}
+    run.hook = SimpleNamespace(
+        imitation_streams=lambda **given: [{n: (w, rollout.normalized_reward) for n, w in names.items()}]
+    )
+    assert list(apil._streams(run, rollout)) == ["a.b", "values"]
+    again, _ = method_of("apil")
+    again.load_state_dict(apil.state_dict())
+    assert list(again.imitator.stream_critics) == ["a.b", "values"]
+    del names["values"]
+    with pytest.raises(PluginError, match="names changed"):
+        apil._streams(run, rollout)
+
+
+def test_a_rollout_after_its_first_step():
+    rollout = rollout_with([[1.0, 2.0], [3.0, 4.0]])
+    rollout.next_observation = torch.ones(2, 3)
+    rollout.groups = {"x": torch.tensor([[5.0], [6.0]])}
+    rest = rollout.after(1)
+    assert rest.normalized_reward.tolist() == [[3.0, 4.0]]
+    assert rest.groups["x"].tolist() == [[6.0]]
+    assert rest.next_observation is rollout.next_observation
+
+
+def test_own_rollouts_of_one_step_are_refused():
+    config = RunConfig(method="apil", env="toy-pursuit", options={"apil": {"rollouts": "own"}})
+    config = config.model_copy(update={"ppo": config.ppo.model_copy(update={"num_steps": 1})})
+    with pytest.raises(ConfigError, match=r"ppo\.num_steps: 1"):
+        build_hooks(config, default_plugins(), setup_of(config))

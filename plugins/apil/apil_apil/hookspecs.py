@@ -18,10 +18,11 @@ def imitation_reward(run: Run, rollout: Rollout, logits: Tensor) -> Tensor | Non
 
     APIL answers with log D(s, ã), −log(1 − D) or their sum. Wrap it (``@hookimpl(wrapper=True)``) to add
     to that; implement it to replace it. With ``credit: step`` each ã_t is paid for its own step only: what
-    is to reach back over a game belongs into ``imitation_streams``. With ``objective: likelihood`` it is
-    logged and pays nothing.
+    is to reach back over a game belongs into ``imitation_streams``. With ``objective: likelihood`` it
+    pays nothing.
 
-    When: once per iteration, after D's update and before the imitator's; beside PPO's update.
+    When: once per iteration, after D's update and before the imitator's; beside PPO's update, so neither
+        ``run.collect`` nor torch's global generator may be used.
 
     Args:
         run: the run.

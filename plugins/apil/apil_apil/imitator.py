@@ -70,7 +70,7 @@ class Imitator(nn.Module):
         self.critic = Critic(state_size, config)
         self.scale: ReturnNormalizer | None = None
         self.optimizer = torch.optim.Adam(self.policy.parameters(), config.learning_rate, eps=ADAM_EPSILON)
-        self.stream_critics = nn.ModuleDict()
+        self.stream_critics: dict[str, Critic] = {}  # any name will do
 
     def forward(self, states: Tensor) -> DiagonalGaussian:
         """Predicted distribution of the victim's action, for normalised states (…, s)."""
@@ -82,7 +82,7 @@ class Imitator(nn.Module):
         if name in self.stream_critics:
             return
         device = self.policy.log_std.device
-        with torch.random.fork_rng(devices=[]):
+        with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
             torch.manual_seed(zlib.crc32(f"{seed} {name}".encode()))
             self.stream_critics[name] = Critic(self.state_size, self.config).to(device)
 
@@ -95,7 +95,7 @@ class Imitator(nn.Module):
         if experience.rewards is not None:
             metrics["value_loss"] = self.critic.fit(states, generator)
         for name in experience.streams:
-            metrics[f"value_loss_{name}"] = self._stream_critic(name).fit(states, generator)
+            metrics[f"value_loss_{name}"] = self.stream_critics[name].fit(states, generator)
         return {f"imitator_{name}": value for name, value in metrics.items()}
 
     def advantages(self, experience: Experience) -> Tensor | None:
@@ -110,7 +110,7 @@ class Imitator(nn.Module):
             rewards = experience.rewards if self.per_step else self._scaled(experience)
             parts.append(_normalized(self.critic, experience, rewards, gamma, lam))
         for name, (weight, rewards) in experience.streams.items():
-            critic = self._stream_critic(name)
+            critic = self.stream_critics[name]
             parts.append(weight * _normalized(critic, experience, rewards, *self.stream_discount))
         return torch.stack(parts).sum(0) if parts else None
 
@@ -178,18 +178,13 @@ class Imitator(nn.Module):
             states, actions = states.index_select(0, rows), actions[rows]
         return experience.likelihood_weight * self.policy(states).log_prob(actions).mean()
 
-    def _stream_critic(self, name: str) -> Critic:
-        critic = self.stream_critics[name]
-        assert isinstance(critic, Critic)
-        return critic
-
     def training_state(self) -> dict[str, Any]:
         """Weights and optimisers."""
         return {
             "policy": self.policy.state_dict(),
             "scale": None if self.scale is None else self.scale.state_dict(),
             "optimizer": self.optimizer.state_dict(),
-            "streams": {name: self._stream_critic(name).training_state() for name in self.stream_critics},
+            "streams": {name: critic.training_state() for name, critic in self.stream_critics.items()},
             **self.critic.training_state(),
         }
 
@@ -206,7 +201,7 @@ class Imitator(nn.Module):
         self.optimizer.load_state_dict(state["optimizer"])
         for name, critic in state.get("streams", {}).items():  # older ones have none
             self.open_stream(name)
-            self._stream_critic(name).load_training_state(critic)
+            self.stream_critics[name].load_training_state(critic)
 
 
 def _normalized(critic: Critic, experience: Experience, rewards: Tensor, gamma: float, lam: float) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,6 +16,7 @@ from apil_apil.imitator import Experience, Imitator
 from apil_apil.quality import accuracy, prediction_quality
 from apil_core import (
     ApilError,
+    ConfigError,
     Context,
     Decision,
     DiagonalGaussian,
@@ -61,6 +63,8 @@ class Apil(Method):
 
     def __init__(self, options: ApilConfig, setup: MethodSetup):
         super().__init__(options, setup)
+        if options.rollouts == "own" and setup.ppo.num_steps < 2:
+            raise ConfigError("ppo.num_steps: 1 leaves rollouts: own nothing to learn from; use 2 or more")
         sizes = {
             "victim": setup.victim.observation_size,
             "adversary": setup.adversary.observation_size,
@@ -175,14 +179,15 @@ class Apil(Method):
 
     def _update_discriminator(self, run: Run, victim: Games, own: Games) -> tuple[dict[str, float], Tensor]:
         """D's passes; returns metrics, and its logits of the imitator's actions that are paid for, (T, n)."""
-        if own.rollout is victim.rollout:  # the states' share of D's work is done once
+        shared = own.states is victim.states
+        if shared:  # the states' share of D's work is done once
             victim_logits, logits = self._logits(victim.scored, victim.actions, own.actions)
         else:
             (victim_logits,) = self._logits(victim.scored, victim.actions)
             (logits,) = self._logits(own.scored, own.actions)
         metrics = accuracy(victim_logits, logits)
         real = victim.scored.flatten(0, 1), victim.actions.flatten(0, 1)
-        states = real[0] if own.scored is victim.scored else own.scored.flatten(0, 1)
+        states = real[0] if shared else own.scored.flatten(0, 1)
         fake = states, own.actions.flatten(0, 1)
         metrics["discriminator_loss"] = self.discriminator.fit(real, fake, self._passes(), run.generator)
         if self.options.reward_time == "after_update":
@@ -200,22 +205,23 @@ class Apil(Method):
     def _streams(self, run: Run, played: Rollout) -> dict[str, tuple[float, Tensor]]:
         """What else the imitator is paid for, by name, checked; makes critics for what is new."""
         streams: dict[str, tuple[float, Tensor]] = {}
-        shape = tuple(played.done.shape)
         for answer in run.hook.imitation_streams(run=run, rollout=played):
             try:
-                named = {name: (float(weight), reward.detach()) for name, (weight, reward) in answer.items()}
+                named = {str(name): (float(weight), reward) for name, (weight, reward) in answer.items()}
             except (AttributeError, TypeError, ValueError) as error:
-                form = f"{{name: (weight, reward {shape} float32)}}"
-                raise PluginError(f"imitation_streams must return {form}: {error}") from error
-            for name, (_, reward) in named.items():
-                if name in streams:
-                    raise PluginError(f"imitation_streams: {name!r} is returned twice; names must differ")
-                if reward.shape != shape or not bool(torch.isfinite(reward).all()):
-                    got = f"{tuple(reward.shape)}, finite: {bool(torch.isfinite(reward).all())}"
-                    raise PluginError(f"imitation_streams: {name!r} must be {shape} and finite, got {got}")
-                if self.imitator.per_step:
-                    self.imitator.open_stream(name, run.config.seed)
-            streams |= named
+                form = "{name: (weight, reward)}"
+                raise PluginError(f"imitation_streams must return {form} or None: {error}") from error
+            for name, (weight, reward) in named.items():
+                wrong = "is returned twice" if name in streams else _flaw(weight, reward, played.done)
+                if wrong:
+                    raise PluginError(f"imitation_streams: {name!r} {wrong}")
+                streams[name] = weight, reward.detach()
+        known = self.imitator.stream_critics
+        if known and known.keys() != streams.keys():
+            change = f"from {sorted(known)} to {sorted(streams)}"
+            raise PluginError(f"imitation_streams: names changed {change}; give the same in every rollout")
+        for name in streams if self.imitator.per_step else ():
+            self.imitator.open_stream(name, run.config.seed)
         return streams
 
     def _likelihood_weight(self, steps: int) -> float:
@@ -287,6 +293,17 @@ class Apil(Method):
         self.discriminator.optimizer.load_state_dict(state["discriminator_optimizer"])
         self.normalizer.load_state_dict(state["normalizer"])
         self.action_scale.load_state_dict(state["action_scale"])
+
+
+def _flaw(weight: float, reward: object, done: Tensor) -> str:
+    """What keeps a stream from being learnt from, or nothing; ``done`` has the shape it must have."""
+    if not isinstance(reward, Tensor):
+        return f"must have a tensor as its reward, got {type(reward).__name__}"
+    if reward.shape != done.shape or reward.dtype != torch.float32 or reward.device != done.device:
+        got = f"{tuple(reward.shape)} {reward.dtype} on {reward.device}"
+        return f"must be {tuple(done.shape)} torch.float32 on {done.device}, got {got}"
+    finite = math.isfinite(weight) and bool(torch.isfinite(reward).all())
+    return "" if finite else "has a weight or rewards that are NaN or infinite"
 
 
 class ImitatorPolicy(Policy):
