@@ -103,7 +103,9 @@ def load_file(
             metadata: dict[str, str] = file.metadata() or {}
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118  (no mapping)
         state = _put_back(json.loads(metadata["state"]), tensors)
-        config = RunConfig.model_validate(with_absent(json.loads(metadata["config"]), plugins))
+        stored = json.loads(metadata["config"])
+        RunConfig.model_validate(stored)
+        config = RunConfig.model_validate(with_absent(stored, plugins))
         layout, side = _layout(json.loads(metadata["layout"])), ("0", "1").index(metadata["side"])
         trained = layout.sides[side]
         provenance = dict(json.loads(metadata["provenance"]))
