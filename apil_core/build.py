@@ -168,7 +168,7 @@ def build(
     with hooks.attribution():
         example = env.get_observations()
     actor = Actor(builder.sizes, game.layout.sides[1 - attacked].action_size, config.ppo)
-    learner = Learner(actor, example, config.ppo, device, world)
+    learner = Learner(actor, example, config.ppo, device, world, game.layout.max_steps)
     if not world.is_main:  # the networks are made: from here on, draws of its own
         torch.manual_seed(seed)
     return Attack(

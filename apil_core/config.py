@@ -82,6 +82,12 @@ class PPOConfig(Section):
     """Hidden tanh layers of actor and critic."""
     init_std: Annotated[float, Field(gt=0)] = 1.0
     """Standard deviation of the untrained policy's actions."""
+    noise: Literal["white", "ar1", "coloured"] = "white"
+    """Exploration: each step's draw by itself, or correlated over a game; evaluations draw white."""
+    noise_correlation: Annotated[float, Field(ge=0, lt=1)] = 0.8
+    """ar1: correlation ρ of successive draws."""
+    noise_colour: Annotated[float, Field(ge=0, le=2)] = 0.5
+    """coloured: β of the power spectrum 1/f^β."""
     observation_clip: Annotated[float, Field(gt=0)] = 10.0
     """Clip of the normalised observation."""
 

@@ -22,6 +22,7 @@ from torch import Tensor, nn
 from apil_core.config import PPOConfig
 from apil_core.distributed.world import ALONE, World
 from apil_core.errors import ApilError
+from apil_core.exploration import make_noise
 from apil_core.networks import mlp
 from apil_core.ppo_storage import LatentModel, PPOStorage
 from apil_core.returns import gae
@@ -97,6 +98,7 @@ class Learner:
         config: PPO's settings.
         device: of the networks.
         world: processes whose gradients are averaged.
+        horizon: longest game, in steps (for exploration noise).
     """
 
     def __init__(
@@ -106,6 +108,7 @@ class Learner:
         config: PPOConfig,
         device: torch.device,
         world: World = ALONE,
+        horizon: int = 1000,
     ):
         self.config = config
         self.device = device
@@ -137,6 +140,7 @@ class Learner:
         for group in self.ppo.optimizer.param_groups:
             group["eps"] = _ADAM_EPSILON
         self.critics: dict[str, StreamCritic] = {}
+        self.noise = make_noise(config, len(example), action_size, horizon, device)
 
     def start_equal(self) -> None:
         """Give all processes the first one's networks."""
@@ -151,13 +155,18 @@ class Learner:
         """Draw actions (n, a) and remember what the update needs; torch's global generator draws."""
         latent = self.storage.next_latent(observations)
         mean = self.actor.model.mlp(latent)
-        action = torch.normal(mean, self.actor.std.expand_as(mean))
+        if self.noise is None:
+            action = torch.normal(mean, self.actor.std.expand_as(mean))
+        else:  # densities are taken as if it were white: a bias accepted for the exploration it buys
+            action = mean + self.actor.std * self.noise.draw()
         self.storage.keep_action(mean, action)
         return action
 
     def record(self, reward: Tensor, done: Tensor) -> None:
         """Store how the step that :meth:`act` began went: normalised reward (n,) and end flags (n,)."""
         self.storage.keep_outcome(reward, done)
+        if self.noise is not None:
+            self.noise.renew(done)
 
     def distribution(self) -> DiagonalGaussian:
         """What the stored actions were drawn from, (T, n, a); views of the storage."""
@@ -222,6 +231,7 @@ class Learner:
         return {
             "ppo": self.ppo.save(),
             "critics": {name: critic.state_dict() for name, critic in self.critics.items()},
+            "noise": None if self.noise is None else self.noise.state_dict(),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -229,6 +239,8 @@ class Learner:
         self.ppo.load(state["ppo"], None, strict=True)
         for name, critic in state["critics"].items():
             self._stream_critic(name).load_state_dict(critic)
+        if self.noise is not None:
+            self.noise.load_state_dict(state["noise"])
 
     def load_networks(self, state: dict[str, Any]) -> None:
         """Take actor and critics of another run's :meth:`state_dict`, with fresh optimisers."""

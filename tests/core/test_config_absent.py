@@ -21,6 +21,9 @@ ROOT = Path(__file__).parents[2]
 LONG = ROOT / "docs" / "results" / "long" / "kick-and-defend-e_apil-s0"
 
 ADDED = {
+    "ppo.noise": "white",
+    "ppo.noise_correlation": 0.8,
+    "ppo.noise_colour": 0.5,
     "options.apil.imitator.objective": "gail",
     "options.apil.imitator.credit": "return",
     "options.apil.imitator.likelihood_weight": 1.0,
