@@ -71,7 +71,9 @@ class PPOConfig(Section):
     lam: Annotated[float, Field(ge=0, le=1)] = 0.95
     """λ of generalised advantage estimation."""
     clip: Annotated[float, Field(gt=0)] = 0.2
-    """Clip of the probability ratio and of the value update."""
+    """Clip of the probability ratio, and of the value update if that is clipped."""
+    clip_value: bool = True
+    """Clip how far an iteration may move a value (as published); it binds where returns are large."""
     value_coefficient: Annotated[float, Field(ge=0)] = 0.5
     """Weight of ½·(V − R)² in the loss, the convention of the published code."""
     entropy_coefficient: Annotated[float, Field(ge=0)] = 0.0

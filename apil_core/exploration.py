@@ -1,7 +1,7 @@
 """Exploration noise that is correlated in time (docs/methods.md §3, PPO).
 
-White noise moves a motor to and fro within a few milliseconds, so that its mean force is near zero. Noise that
-keeps its sign for a while has the same distribution at every single step and gets somewhere.
+White noise moves a motor to and fro within milliseconds: its mean force is near zero. Noise that keeps
+its sign for a while has the same distribution at every single step and gets somewhere.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 ``ppo_storage`` the only place that imports rsl_rl.
 
 What rsl_rl does differently from the published PPO is set here (docs/methods.md §3, PPO):
-fixed schedule with the learning rate annealed from outside, clipped value loss, advantages
-normalised per minibatch, ½ in the value loss, Adam's epsilon 1e-5, orthogonal initial weights.
+fixed schedule with the learning rate annealed from outside, value loss clipped unless told otherwise,
+advantages normalised per minibatch, ½ in the value loss, Adam's epsilon 1e-5, orthogonal initial weights.
 Accepted departures: actor and critic are clipped separately; one permutation serves all epochs.
 """
 
@@ -131,7 +131,7 @@ class Learner:
             learning_rate=config.learning_rate,
             max_grad_norm=config.max_grad_norm,
             optimizer=config.optimizer,
-            use_clipped_value_loss=True,
+            use_clipped_value_loss=config.clip_value,
             schedule="fixed",
             normalize_advantage_per_mini_batch=True,
             device=str(device),

@@ -21,6 +21,7 @@ ROOT = Path(__file__).parents[2]
 LONG = ROOT / "docs" / "results" / "long" / "kick-and-defend-e_apil-s0"
 
 ADDED = {
+    "ppo.clip_value": True,
     "ppo.noise": "white",
     "ppo.noise_correlation": 0.8,
     "ppo.noise_colour": 0.5,

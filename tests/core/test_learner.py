@@ -41,6 +41,7 @@ def test_settings_that_differ_from_rsl_rls_defaults():
     ppo = learner.ppo
     assert ppo.schedule == "fixed"
     assert ppo.use_clipped_value_loss
+    assert not small_learner(clip_value=False)[0].ppo.use_clipped_value_loss
     assert ppo.value_loss_coef == 0.25  # ½ · 0.5: rsl_rl's value loss has no ½
     assert {group["eps"] for group in ppo.optimizer.param_groups} == {1e-5}
     assert [type(layer).__name__ for layer in learner.actor.model.mlp] == ["Linear", "Tanh"] * 2 + ["Linear"]
