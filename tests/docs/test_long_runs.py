@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
 
-from apil_core import evaluate
+from apil_core import evaluate, resume
 from apil_core.rundir import RunDir
+from apil_core.victims.importer import import_zoo
 from docs.pages import ROOT
 
 PAGE = ROOT / "docs" / "long-runs.md"
@@ -34,3 +36,22 @@ def test_the_agent_plays(run: Path) -> None:
     assert score.trained_steps is not None
     assert score.trained_steps > 8_000_000
     assert sum(score.causes.values()) == 4
+
+
+def test_a_long_run_goes_on_under_todays_code(
+    tmp_path: Path, zoo_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was stored before `ppo` and APIL's options had all the keys they have now, and goes on as it was."""
+    monkeypatch.setenv("APIL_CACHE", str(tmp_path / "cache"))
+    import_zoo(zoo_dir)
+    shutil.copytree(ROOT / "docs" / "results" / "long" / "kick-and-defend-e_apil-s0", tmp_path / "r")
+    config = tmp_path / "r" / "config.yaml"
+    config.write_text(config.read_text().replace("  episodes: 1000", "  episodes: 0"))
+    before = RunDir(tmp_path / "r").last_metrics()
+    result = resume(tmp_path / "r", steps=before["steps"] + 1)
+    after = RunDir(tmp_path / "r").last_metrics()
+    assert result.steps == after["steps"] == before["steps"] + 128 * 128
+    assert RunDir(tmp_path / "r").config().options["apil"]["imitator"]["credit"] == "return"
+    # the published imitator goes on failing as it did: nothing of the new one came in
+    error = before["apil/mse"] / before["apil/constant_mse"]
+    assert after["apil/relative_error"] == pytest.approx(error, abs=0.1)
