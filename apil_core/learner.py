@@ -211,11 +211,20 @@ class Learner:
         self.storage.advantages.copy_(advantages.unsqueeze(-1))
         observations = self.storage.observations.flatten(0, 1)
         before = DiagonalGaussian(self.storage.means.flatten(0, 1), self.actor.std.detach().clone())
-        metrics = {f"ppo/{name}": float(value) for name, value in ppo.update().items()}
-        with torch.inference_mode():
-            after = self.actor(observations)
-            metrics["ppo/kl"] = float(before.kl(after).mean())
-            metrics["ppo/std"] = float(after.std.mean())
+
+        def kl() -> float:
+            with torch.inference_mode():
+                return float(before.kl(self.actor(observations)).mean())
+
+        limit = self.config.max_kl
+        if limit is not None:
+            self.storage.goes_on = lambda: not self.world.any(kl() > limit)
+        losses, passes = ppo.update(), self.storage.passes
+        # rsl_rl divides by the passes it was to make
+        metrics = {
+            f"ppo/{name}": float(value) * self.config.epochs / passes for name, value in losses.items()
+        }
+        metrics |= {"ppo/kl": kl(), "ppo/std": float(self.actor.std.detach().mean()), "ppo/passes": passes}
         if not math.isfinite(metrics["ppo/kl"] + metrics["ppo/value"]):
             raise ApilError(
                 f"the policy became NaN or infinite in this update (ppo.learning_rate {learning_rate:g}); "

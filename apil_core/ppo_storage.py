@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import torch
 from rsl_rl.models import MLPModel
@@ -31,6 +31,11 @@ class LatentModel(MLPModel):
 class PPOStorage(RolloutStorage):
     """The transitions of one rollout, T steps of n games, written in place.
 
+    Attributes:
+        means: of the distributions the actions were drawn from, (T, n, a).
+        goes_on: asked before each pass but the first whether there is to be another.
+        passes: of the last update.
+
     Args:
         example: normalised observation groups of all games, batch (n,).
         num_steps: T.
@@ -43,6 +48,8 @@ class PPOStorage(RolloutStorage):
         observations = TensorDict({LATENT: joined}, batch_size=example.batch_size, device=device)
         super().__init__("rl", len(joined), num_steps, observations, [action_size], device=str(device))
         self.means = torch.zeros_like(self.actions)
+        self.goes_on: Callable[[], bool] = lambda: True
+        self.passes = 0
         self._latents: Tensor = self.observations[LATENT]
 
     def next_latent(self, observations: TensorDict) -> Tensor:
@@ -70,7 +77,10 @@ class PPOStorage(RolloutStorage):
     def mini_batch_generator(
         self, num_mini_batches: int, num_epochs: int = 8
     ) -> Iterator[RolloutStorage.Batch]:
-        """The batches of rsl_rl's generator, which shuffles once for all epochs: gathered once, too."""
+        """The batches of rsl_rl's generator, which shuffles once for all epochs: gathered once, too.
+
+        Ends early where :attr:`goes_on` says so.
+        """
         size = self.num_envs * self.num_transitions_per_env // num_mini_batches
         order = torch.randperm(num_mini_batches * size, device=self.device)
         columns = {
@@ -82,7 +92,10 @@ class PPOStorage(RolloutStorage):
             "old_actions_log_prob": self.actions_log_prob,
         }
         shuffled = {name: column.flatten(0, 1)[order] for name, column in columns.items()}
-        for _ in range(num_epochs):
+        for self.passes in range(1, num_epochs + 1):
+            if self.passes > 1 and not self.goes_on():
+                self.passes -= 1
+                return
             for start in range(0, len(order), size):
                 part = slice(start, start + size)
                 yield RolloutStorage.Batch(**{name: column[part] for name, column in shuffled.items()})

@@ -22,6 +22,7 @@ LONG = ROOT / "docs" / "results" / "long" / "kick-and-defend-e_apil-s0"
 
 ADDED = {
     "ppo.clip_value": True,
+    "ppo.max_kl": None,
     "ppo.noise": "white",
     "ppo.noise_correlation": 0.8,
     "ppo.noise_colour": 0.5,

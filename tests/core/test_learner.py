@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from pathlib import Path
 
 import pytest
@@ -150,6 +151,17 @@ def test_an_update_raises_what_paid():
     assert float((after - before)[:, 0].mean()) > 0.1
     assert metrics["ppo/kl"] > 0
     assert metrics["ppo/learning_rate"] == 3e-3
+
+
+@pytest.mark.parametrize(("max_kl", "passes"), [(None, 5), (1e3, 5), (1e-9, 1)])
+def test_passes_end_once_the_policy_is_too_far(max_kl, passes):
+    learner, example = small_learner(epochs=5, max_kl=max_kl)
+    roll(learner, example)
+    advantages = learner.advantages(example, {})["reward"]
+    metrics = learner.update(advantages, as_given=False, learning_rate=3e-3)
+    assert metrics["ppo/passes"] == passes
+    # the entropy of a unit Gaussian of two components, whatever the passes: a mean over those that were made
+    assert metrics["ppo/entropy"] == pytest.approx(1 + math.log(2 * math.pi), abs=0.2)
 
 
 def test_a_stream_has_its_own_critic_that_learns():
