@@ -61,7 +61,7 @@ class PPOConfig(Section):
     minibatches: Annotated[int, Field(gt=0)] = 4
     """Parts of the rollout per pass."""
     max_kl: Annotated[float, Field(gt=0)] | None = None
-    """Begin no further pass once the policy is this far (mean KL, nats) from the one that played; null: never."""
+    """Begin no further pass once the policy has moved this far, in nats of mean KL; null: never."""
     learning_rate: Annotated[float, Field(gt=0)] = 3e-4
     """Adam's step size at the start."""
     lr_schedule: Literal["constant", "linear"] = "constant"
