@@ -36,6 +36,7 @@ _HOMES = {
     "apil_core.game": ("NO_WINNER", "Colour", "Game", "GameLayout", "GameStep", "SideLayout", "Window"),
     "apil_core.stopwatch": ("PhysicsStopwatch",),
     "apil_core.views": ("OpponentInsideEnv", "ParallelGameEnv"),
+    "apil_core.torch_threads": ("side_by_side",),
     "apil_core.types": ("Context", "Decision", "DiagonalGaussian", "Rollout", "StepBatch", "View"),
     "apil_core.policy": ("Policy", "PolicyInfo"),
     "apil_core.method": ("Method", "MethodSetup", "Observer", "Run", "RunPlugin"),
@@ -136,6 +137,7 @@ if TYPE_CHECKING:
     from apil_core.specs import RecorderSpec as RecorderSpec
     from apil_core.specs import RewardWeights as RewardWeights
     from apil_core.stopwatch import PhysicsStopwatch as PhysicsStopwatch
+    from apil_core.torch_threads import side_by_side as side_by_side
     from apil_core.types import Context as Context
     from apil_core.types import Decision as Decision
     from apil_core.types import DiagonalGaussian as DiagonalGaussian

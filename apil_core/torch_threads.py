@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -29,23 +30,37 @@ def one_torch_thread() -> Iterator[None]:
 
 
 def side_by_side(
-    first: Callable[[], _First], second: Callable[[], _Second], *, apart: bool
+    first: Callable[[], _First], second: Callable[[], _Second], *, apart: bool | None = None
 ) -> tuple[_First, _Second]:
     """Results of two functions that share nothing they change, on a core each or one after the other.
 
-    torch lets go of Python's lock in its operators, so two threads do keep two cores busy.
+    torch lets go of Python's lock in its operators: two threads do keep two cores busy. Random numbers that
+    either needs are drawn beforehand, or from a generator of its own.
 
     Args:
         first: run in a thread of its own if ``apart``; if both fail, its error is raised, as in turn.
         second: run here.
-        apart: at once.
+        apart: at once; ``None``: if this is itself run in a thread of its own, as what a plugin hands back is
+            where the run has cores to spare.
     """
-    if not apart:
+    if not (_spare.cores if apart is None else apart):
         return first(), second()
-    with ThreadPoolExecutor(1, "apil") as pool:
+    with ThreadPoolExecutor(1, "apil", _spare.found) as pool:
         future = pool.submit(first)
         try:
             result = second()
         except Exception as error:
             raise future.exception() or error  # noqa: B904  (the other one's does not follow from it)
         return future.result(), result
+
+
+class _Spare(threading.local):
+    """Whether this thread may start another one."""
+
+    cores = False
+
+    def found(self) -> None:
+        self.cores = True
+
+
+_spare = _Spare()

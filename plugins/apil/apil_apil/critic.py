@@ -50,16 +50,20 @@ class Critic(nn.Module):
         self._targets = (advantages + values).flatten()
         return advantages
 
-    def fit(self, states: Tensor, generator: torch.Generator) -> float:
+    def batches(self, count: int, generator: torch.Generator) -> list[Tensor]:
+        """Rows of its passes over ``count`` states, for :meth:`fit`."""
+        return batches(count, self.config.value_epochs, self.config.minibatches, generator)
+
+    def fit(self, states: Tensor, parts: list[Tensor]) -> float:
         """Least squares on the targets of the last :meth:`advantages`; returns the mean loss.
 
         Args:
             states: the same, flat: (T·n, s).
-            generator: shuffles.
+            parts: rows of the minibatches, in order.
         """
         assert self._targets is not None
         losses = []
-        for rows in batches(len(states), self.config.value_epochs, self.config.minibatches, generator):
+        for rows in parts:
             loss = (self.body(states.index_select(0, rows))[..., 0] - self._targets[rows]).square().mean()
             descend(loss, self.body, self.optimizer, self.config.max_grad_norm)
             losses.append(loss.detach())

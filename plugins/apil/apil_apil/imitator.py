@@ -13,7 +13,13 @@ from torch import Tensor, nn
 from apil_apil.config import ImitatorConfig
 from apil_apil.critic import ADAM_EPSILON, Critic, batches, descend
 from apil_apil.trpo import TrustRegion, trpo_step
-from apil_core import DiagonalGaussian, GaussianActor, ReturnNormalizer, normalize_advantages
+from apil_core import (
+    DiagonalGaussian,
+    GaussianActor,
+    ReturnNormalizer,
+    normalize_advantages,
+    side_by_side,
+)
 
 
 @dataclass
@@ -89,14 +95,24 @@ class Imitator(nn.Module):
     def learn(self, experience: Experience, generator: torch.Generator) -> dict[str, float]:
         """One update of the policy and the passes of its critics; returns metrics."""
         advantages = self.advantages(experience)
-        update = self._trpo if self.config.update == "trpo" else self._ppo
-        metrics = update(experience, None if advantages is None else advantages.flatten(), generator)
+        if advantages is not None:
+            advantages = advantages.flatten()
         states = experience.states.flatten(0, 1)
+        update, passes = (self._trpo, (1, 1)) if self.config.update == "trpo" else (self._ppo, self._passes)
+        parts = batches(len(states), *passes, generator)
+        critics = {f"value_loss_{name}": self.stream_critics[name] for name in experience.streams}
         if experience.rewards is not None:
-            metrics["value_loss"] = self.critic.fit(states, generator)
-        for name in experience.streams:
-            metrics[f"value_loss_{name}"] = self.stream_critics[name].fit(states, generator)
-        return {f"imitator_{name}": value for name, value in metrics.items()}
+            critics = {"value_loss": self.critic, **critics}
+        fits = {name: (critic, critic.batches(len(states), generator)) for name, critic in critics.items()}
+        moved, losses = side_by_side(
+            lambda: update(experience, advantages, parts),
+            lambda: {name: critic.fit(states, rows) for name, (critic, rows) in fits.items()},
+        )
+        return {f"imitator_{name}": value for name, value in {**moved, **losses}.items()}
+
+    @property
+    def _passes(self) -> tuple[int, int]:
+        return self.config.epochs, self.config.minibatches
 
     def advantages(self, experience: Experience) -> Tensor | None:
         """What the policy gradient weighs log π̃(ã) with, (T, n); ``None`` if nothing pays for ã.
@@ -132,7 +148,7 @@ class Imitator(nn.Module):
         return scaled
 
     def _trpo(
-        self, experience: Experience, advantages: Tensor | None, generator: torch.Generator
+        self, experience: Experience, advantages: Tensor | None, parts: list[Tensor]
     ) -> dict[str, float]:
         config = self.config
         states, actions = experience.states.flatten(0, 1), experience.actions.flatten(0, 1)
@@ -145,12 +161,11 @@ class Imitator(nn.Module):
             return gain + self._likelihood(experience) if experience.likelihood_weight else gain
 
         region = TrustRegion(config.kl, config.cg_steps, config.damping, config.backtracks)
-        (rows,) = batches(len(states), 1, 1, generator)
-        rows = rows[: max(1, int(len(states) * config.fisher_fraction))]
+        rows = parts[0][: max(1, int(len(states) * config.fisher_fraction))]
         return trpo_step(self.policy, states, surrogate, region, rows)
 
     def _ppo(
-        self, experience: Experience, advantages: Tensor | None, generator: torch.Generator
+        self, experience: Experience, advantages: Tensor | None, parts: list[Tensor]
     ) -> dict[str, float]:
         config = self.config
         states, actions = experience.states.flatten(0, 1), experience.actions.flatten(0, 1)
@@ -158,7 +173,7 @@ class Imitator(nn.Module):
             before = self.policy(states)
             before = DiagonalGaussian(before.mean.clone(), before.std.clone())
             old = before.log_prob(actions)
-        for rows in batches(len(states), config.epochs, config.minibatches, generator):
+        for rows in parts:
             new = self.policy(states.index_select(0, rows))
             loss = -config.entropy_coefficient * new.entropy().mean()
             if advantages is not None:

@@ -35,6 +35,9 @@ from apil_core import (
 PREDICTION = "prediction"
 """Observation group with ã."""
 
+_ACCURACY_STEPS = 4
+"""Steps for each one that D's accuracy is measured on: thousands of pairs are enough."""
+
 DEFAULT_CREDIT = {"shared": "step", "own": "return"}
 """``imitator.credit`` where it is not given: only in games of its own does ã_t bring about what follows."""
 
@@ -180,18 +183,20 @@ class Apil(Method):
     def _update_discriminator(self, run: Run, victim: Games, own: Games) -> tuple[dict[str, float], Tensor]:
         """D's passes; returns metrics, and its logits of the imitator's actions that are paid for, (T, n)."""
         shared = own.states is victim.states
+        some = slice(None, None, _ACCURACY_STEPS)
         if shared:  # the states' share of D's work is done once
-            victim_logits, logits = self._logits(victim.scored, victim.actions, own.actions)
+            told = self._logits(victim.scored[some], victim.actions[some], own.actions[some])
         else:
-            (victim_logits,) = self._logits(victim.scored, victim.actions)
-            (logits,) = self._logits(own.scored, own.actions)
-        metrics = accuracy(victim_logits, logits)
+            told = self._logits(victim.scored[some], victim.actions[some])
+            told += self._logits(own.scored[some], own.actions[some])
+        metrics = accuracy(*told)
+        collected = self.options.reward_time == "collected"
+        before = self._logits(own.scored, own.actions) if collected else []
         real = victim.scored.flatten(0, 1), victim.actions.flatten(0, 1)
         states = real[0] if shared else own.scored.flatten(0, 1)
         fake = states, own.actions.flatten(0, 1)
         metrics["discriminator_loss"] = self.discriminator.fit(real, fake, self._passes(), run.generator)
-        if self.options.reward_time == "after_update":
-            (logits,) = self._logits(own.scored, own.actions)
+        (logits,) = before or self._logits(own.scored, own.actions)
         return metrics, logits
 
     def _rewards(self, run: Run, played: Rollout, logits: Tensor) -> Tensor:
