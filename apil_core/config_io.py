@@ -19,7 +19,6 @@ from apil_core.config import SCHEMA_VERSION, RunConfig
 from apil_core.config_absent import with_absent
 from apil_core.config_errors import Problem, problems_of, raise_problems, unknown_name
 from apil_core.config_layers import (
-    IDENTITY,
     Key,
     Layer,
     file_layer,
@@ -36,6 +35,9 @@ from apil_core.errors import ConfigError, suggest
 from apil_core.game_options import game_model, profile_problems, settled
 from apil_core.plugins import PluginRegistry
 from apil_core.specs import GameSpec, RunPluginSpec, titled
+
+_IDENTITY = ("version", "method", "env", "victim", "steps", "num_envs", "seed", "reward", "ppo", "options")
+"""What every stored config has; a default in its place would silently be another run."""
 
 
 def gather(
@@ -150,7 +152,7 @@ def load_resolved(path: Path) -> RunConfig:
     except ValidationError as error:
         raise_problems(problems_of(error, RunConfig), origins)
         raise
-    missing = [key for key in IDENTITY if key not in data]
+    missing = [key for key in _IDENTITY if key not in data]
     if missing:
         raise ConfigError(f"{path}: incomplete, lacks {', '.join(missing)}: damaged, or not stored by a run")
     return config

@@ -21,8 +21,8 @@ from apil_core.errors import ConfigError, UnknownNameError
 
 Key = tuple[str | int, ...]
 
-IDENTITY = ("version", "method", "env", "victim", "steps", "num_envs", "seed", "reward", "ppo", "options")
-"""What every stored config has; a default in its place would silently be another run."""
+CONFIG, ENVIRONMENT = "config.yaml", "environment.json"
+"""What every run directory holds: its settings, and where and with what they were used."""
 
 _PATH_KEYS = ("init_from", "plugins")
 
@@ -36,7 +36,7 @@ class Layer:
         origins: key path → where it was written.
         preset: a preset's options for methods that are not in use are dropped, others' are errors.
         command_line: it is a flag or a ``--set``.
-        stored: a whole config, as runs store it: a key it lacks is younger, and means what absence meant.
+        stored: a run's own config: a key it lacks is younger, and means what its absence meant.
     """
 
     data: dict[str, Any]
@@ -94,7 +94,7 @@ def file_layer(path: Path) -> Layer:
     Raises:
         ConfigError: it cannot be read or is not a YAML mapping.
     """
-    path = path / "config.yaml" if path.is_dir() else path
+    path = path / CONFIG if path.is_dir() else path
     try:
         text = path.read_text("utf-8")
     except FileNotFoundError:
@@ -104,7 +104,7 @@ def file_layer(path: Path) -> Layer:
     data, lines = parse_yaml(text, str(path))
     data = from_folder(path.parent, data)
     origins = {key: f"{path}:{line}" for key, line in lines.items()}
-    return Layer(data, origins, stored=set(IDENTITY) <= data.keys())
+    return Layer(data, origins, stored=(path.parent / ENVIRONMENT).is_file() and path.name == CONFIG)
 
 
 def from_folder(folder: Path, data: Mapping[str, Any]) -> dict[str, Any]:

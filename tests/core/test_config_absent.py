@@ -9,9 +9,20 @@ from typing import Annotated
 
 import pytest
 
-from apil_core import ApilError, ConfigError, RunDirError, Section, absent, checkpoint, evaluate, resume, run
+from apil_core import (
+    ApilError,
+    ConfigError,
+    RunConfig,
+    RunDirError,
+    Section,
+    absent,
+    checkpoint,
+    evaluate,
+    resume,
+    run,
+)
 from apil_core.config_absent import filled, with_absent
-from apil_core.config_io import flatten, load_resolved, resolve
+from apil_core.config_io import dump_yaml, flatten, load_resolved, resolve
 from apil_core.config_layers import parse_yaml
 from apil_core.registry import default_plugins
 from apil_core.rundir import RunDir
@@ -55,16 +66,18 @@ def test_a_marked_key_differs_from_its_default():
     assert new["discriminator"]["epochs"] is not None
 
 
-def test_a_whole_config_given_as_a_file_is_a_stored_one_and_a_part_is_not(tmp_path):
-    shutil.copy(LONG / "config.yaml", tmp_path / "whole.yaml")
-    for whole in (LONG, tmp_path / "whole.yaml"):
-        again = resolve(whole, sets=["steps=9"], plugins=default_plugins())
+def test_a_runs_own_config_is_a_stored_one_and_any_other_file_is_not(tmp_path):
+    for own in (LONG, LONG / "config.yaml"):
+        again = resolve(own, sets=["steps=9"], plugins=default_plugins())
         assert again.options["apil"]["imitator"]["credit"] == "return"
     (tmp_path / "config.yaml").write_text("seed: 3\nmethod: apil\n")
-    for part in (tmp_path, tmp_path / "config.yaml"):
-        mine = resolve(part, ["quick"], plugins=default_plugins())
-        assert mine.options["apil"]["imitator"]["credit"] is None
-        assert (mine.seed, mine.steps) == (3, 300_000)  # what it lacks hides no preset
+    for mine in (tmp_path, tmp_path / "config.yaml"):
+        new = resolve(mine, ["quick"], plugins=default_plugins())
+        assert new.options["apil"]["imitator"]["credit"] is None
+        assert (new.seed, new.steps) == (3, 300_000)  # what it lacks hides no preset
+    whole = tmp_path / "whole.yaml"
+    whole.write_text(dump_yaml(RunConfig(method="apil")))
+    assert resolve(whole, plugins=default_plugins()).options["apil"]["imitator"]["credit"] is None
 
 
 def test_today_the_paper_preset_is_the_old_default():
@@ -156,9 +169,10 @@ def test_an_odd_config_in_a_checkpoint_is_one_line(tmp_path, change):
 
 
 @pytest.mark.parametrize("options", ["[1]", "abc", "{apil: 3}"])
-def test_odd_options_in_a_whole_config_are_one_line(tmp_path, options):
+def test_odd_options_in_a_runs_config_are_one_line(tmp_path, options):
     text = (LONG / "config.yaml").read_text()
     (tmp_path / "config.yaml").write_text(text[: text.index("\noptions:")] + f"\noptions: {options}\n")
+    shutil.copy(LONG / "environment.json", tmp_path)
     with pytest.raises(ConfigError, match="options"):
         resolve(tmp_path / "config.yaml", plugins=default_plugins())
 

@@ -11,8 +11,9 @@ import sys
 from pathlib import Path
 
 from apil_core import resume, run
-from apil_core.config_io import load_resolved
+from apil_core.config_io import resolve
 from apil_core.distributed.join import joined
+from apil_core.registry import default_plugins
 
 
 def torchrun(*arguments: str | Path, module: bool = False) -> subprocess.Popen[str]:
@@ -41,7 +42,7 @@ def main(folder: Path, names: list[str]) -> None:
             if (folder / name / "config.yaml").is_file():
                 resume(folder / name)
             else:
-                run(load_resolved(folder / f"{name}.yaml"), out=folder / name)
+                run(resolve(folder / f"{name}.yaml", plugins=default_plugins()), out=folder / name)
 
 
 if __name__ == "__main__":
