@@ -10,10 +10,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from apil_core import resume, run
-from apil_core.config_io import resolve
+from apil_core import RunConfig, resume, run
+from apil_core.config_layers import file_layer
 from apil_core.distributed.join import joined
-from apil_core.registry import default_plugins
 
 
 def torchrun(*arguments: str | Path, module: bool = False) -> subprocess.Popen[str]:
@@ -42,7 +41,8 @@ def main(folder: Path, names: list[str]) -> None:
             if (folder / name / "config.yaml").is_file():
                 resume(folder / name)
             else:
-                run(resolve(folder / f"{name}.yaml", plugins=default_plugins()), out=folder / name)
+                config = RunConfig.model_validate(file_layer(folder / f"{name}.yaml").data)
+                run(config, out=folder / name)
 
 
 if __name__ == "__main__":
