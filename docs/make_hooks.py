@@ -53,10 +53,11 @@ def block(name: str, spec: FunctionType) -> str:
 
 
 def signature(name: str, spec: FunctionType) -> str:
-    """As one line of Python."""
+    """As Python, broken where the formatter, which reads this page too, would break it."""
     taken = inspect.signature(spec)
     parameters = [str(p).replace("'", "") for p in taken.parameters.values() if p.name != "self"]
-    return f"def {name}({', '.join(parameters)}) -> {taken.return_annotation}: ..."
+    line = f"def {name}({', '.join(parameters)}) -> {taken.return_annotation}: ..."
+    return line if len(line) <= 110 else line.replace("(", "(\n    ", 1).replace(") ->", "\n) ->")
 
 
 def facts(spec: FunctionType) -> Iterator[tuple[str, str]]:
