@@ -20,7 +20,7 @@ from torch import Tensor
 from apil_core.adversary import AdversaryPolicy
 from apil_core.build import adversary_policy
 from apil_core.config import RunConfig
-from apil_core.config_absent import with_absent
+from apil_core.config_absent import read_stored
 from apil_core.errors import ApilError, ConfigError, VictimError
 from apil_core.game import GameLayout, SideLayout
 from apil_core.plugins import PluginRegistry
@@ -103,9 +103,7 @@ def load_file(
             metadata: dict[str, str] = file.metadata() or {}
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118  (no mapping)
         state = _put_back(json.loads(metadata["state"]), tensors)
-        stored = json.loads(metadata["config"])
-        RunConfig.model_validate(stored)
-        config = RunConfig.model_validate(with_absent(stored, plugins))
+        config = read_stored(json.loads(metadata["config"]), plugins, RunConfig)
         layout, side = _layout(json.loads(metadata["layout"])), ("0", "1").index(metadata["side"])
         trained = layout.sides[side]
         provenance = dict(json.loads(metadata["provenance"]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from types import UnionType
-from typing import Any, Union, get_args, get_origin
+from typing import Any, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic_core import to_jsonable_python
@@ -16,6 +16,8 @@ from apil_core.config_models import options_model
 from apil_core.errors import ApilError
 from apil_core.plugins import PluginRegistry
 from apil_core.specs import RunPluginSpec
+
+Model = TypeVar("Model", bound=BaseModel)
 
 
 def with_absent(
@@ -43,9 +45,19 @@ def with_absent(
     return jsonable
 
 
+def read_stored(data: Mapping[str, Any], plugins: PluginRegistry, model: type[Model]) -> Model:
+    """Checked settings from :func:`with_absent`; errors are about what ``data`` says itself.
+
+    Raises:
+        ValidationError: pydantic's, if a value is wrong.
+    """
+    model.model_validate(data)
+    return model.model_validate(with_absent(data, plugins, model))
+
+
 def completed(config: RunConfig, plugins: PluginRegistry) -> RunConfig:
     """A stored config with what plugins that the run names itself (one-file ones) have added since."""
-    return RunConfig.model_validate(with_absent(config.model_dump(mode="json"), plugins))
+    return read_stored(config.model_dump(mode="json"), plugins, RunConfig)
 
 
 def filled(data: Mapping[str, Any], model: type[BaseModel]) -> dict[str, Any]:

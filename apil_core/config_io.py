@@ -16,7 +16,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from apil_core.config import SCHEMA_VERSION, RunConfig
-from apil_core.config_absent import with_absent
+from apil_core.config_absent import read_stored, with_absent
 from apil_core.config_errors import Problem, problems_of, raise_problems, unknown_name
 from apil_core.config_layers import (
     Key,
@@ -147,8 +147,7 @@ def load_resolved(path: Path) -> RunConfig:
     data, origins = merge({}, [layer])
     check_version(data, origins)
     try:
-        RunConfig.model_validate(data)  # wrong values are told with their lines
-        config = RunConfig.model_validate(with_absent(data, default_plugins()))
+        config = read_stored(data, default_plugins(), RunConfig)
     except ValidationError as error:
         raise_problems(problems_of(error, RunConfig), origins)
         raise

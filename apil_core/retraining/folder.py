@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from apil_core.config_absent import with_absent
+from apil_core.config_absent import read_stored
 from apil_core.config_errors import problems_of, raise_problems
 from apil_core.config_layers import file_layer
 from apil_core.config_yaml import commented_yaml
@@ -74,8 +74,7 @@ class RetrainDir:
             raise RunDirError(f"{self.path} is no retraining's directory (no config.yaml of one in it)")
         layer = file_layer(self.files.config_path)
         try:
-            RetrainConfig.model_validate(layer.data)  # wrong values are told with their lines
-            return RetrainConfig.model_validate(with_absent(layer.data, default_plugins(), RetrainConfig))
+            return read_stored(layer.data, default_plugins(), RetrainConfig)
         except ValidationError as error:
             raise_problems(problems_of(error, RetrainConfig), layer.origins)
             raise
