@@ -9,7 +9,7 @@ from itertools import product
 from pathlib import PurePosixPath
 from typing import Any
 
-from apil_core.bench.matrix import Matrix, ScoreConfig
+from apil_core.bench.matrix import NAMES_WITHOUT_BUDGET, Matrix, ScoreConfig
 from apil_core.config import RunConfig
 from apil_core.config_io import plugin_files, resolve_layers
 from apil_core.config_layers import Layer, flag_layer, preset_layer, set_layer, texts_in
@@ -165,11 +165,12 @@ def _expand(matrix: Matrix, origin: str, base: list[Layer], plugins: PluginRegis
     resolved: dict[str, RunConfig] = {}  # cells that differ in seed and budget only are checked once
     combinations = {method: _combinations(matrix, method, plugins) for method in matrix.methods}
     several_victims = {game for game, names in matrix.victims.items() if len(names) > 1}
-    for seed, game, method in product(matrix.seeds, matrix.games, matrix.methods):
+    for seed, method, game in product(matrix.seeds, matrix.methods, matrix.games):
         victims = matrix.victims.get(game, ("auto",))
         for victim, steps, chosen in product(victims, matrix.steps, combinations[method]):
             named = victim if game in several_victims else None
-            name = _name(game, method, seed, steps, named, chosen)
+            further = steps != matrix.steps[0] or matrix.version < NAMES_WITHOUT_BUDGET
+            name = _name(game, method, seed, steps if further else None, named, chosen)
             kind = repr((game, method, victim, chosen))
             if kind not in resolved:
                 flags = {"method": method, "env": game, "seed": seed, "steps": steps, "victim": victim}
@@ -214,9 +215,14 @@ def _axis_layer(key: str, value: Any) -> Layer:
     return Layer(layer.data, {tuple(key.split(".")): f"axis {key}={value}"}, command_line=True)
 
 
-def _name(game: str, method: str, seed: int, steps: int, victim: str | None, axes: Mapping[str, Any]) -> str:
-    """Readable, and the same whatever other values the axes have: a matrix can be extended."""
-    parts = [f"s{seed}", short_number(steps), *([victim] if victim else [])]
+def _name(
+    game: str, method: str, seed: int, steps: int | None, victim: str | None, axes: Mapping[str, Any]
+) -> str:
+    """Readable, and the same whatever other values the axes have: a matrix can be extended.
+
+    Of several budgets the first is not named, so that it can be raised.
+    """
+    parts = [f"s{seed}", *([short_number(steps)] if steps else []), *([victim] if victim else [])]
     parts += [f"{key.removeprefix('options.')}={value}" for key, value in axes.items()]
     words = [_UNSAFE.sub("_", str(part)) for part in parts]
     return str(PurePosixPath(_UNSAFE.sub("_", game)) / method / "-".join(words))

@@ -148,6 +148,14 @@ class BenchDir:
         """The strip of pictures of a cell's adversary."""
         return self.path / "snapshots" / f"{cell_name}.png"
 
+    def set_aside(self, cell_name: str) -> None:
+        """What was made of a cell's adversary that now trains on; games played with it tell by its hash."""
+        self.snapshot_path(cell_name).unlink(missing_ok=True)
+        retrained, earlier = self.retrained_dir(cell_name), self.path / "earlier" / cell_name
+        if retrained.is_dir():
+            earlier.mkdir(parents=True, exist_ok=True)
+            retrained.rename(earlier / f"{len(list(earlier.iterdir()))}")
+
     def log_path(self, job: str) -> Path:
         """What a job's process printed."""
         return self.logs / f"{job.replace('/', '_')}.log"

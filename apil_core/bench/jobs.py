@@ -183,7 +183,16 @@ class Ledger:
         stage, cells = self.benchmark.matrix.crossplay, self.benchmark.cells_of(game)
         wanted = None if stage is None else (stage.episodes, stage.physics or stored_physics(cells[0].config))
         hashes = {f"vs {label}": self._hardened_sha256(name) for name, label in labels(cells).items()}
+        hashes |= self._adversaries_sha256(game)
         return still_valid(document, self.adversaries(game), self.victims(game), hashes, wanted)
+
+    def _adversaries_sha256(self, game: str) -> dict[str, str]:
+        """Of the trained cells' weights, by label; a budget that was raised has changed them."""
+        from apil_core.files import sha256
+
+        cells = [cell for cell in self.benchmark.cells_of(game) if self.trained(cell)]
+        names = labels(self.benchmark.cells_of(game))
+        return {names[c.name]: sha256(self.bench.cell(c.name).newest_checkpoint()) for c in cells}
 
     def _hardened_sha256(self, cell_name: str) -> str:
         result = RunDir(self.bench.retrained_dir(cell_name)).result() or {}
@@ -196,7 +205,9 @@ class Ledger:
         found, stage = read_activations(self.bench, game), self.benchmark.matrix.activations
         if found is None or stage is None or found.games_per_opponent != stage.episodes:
             return False
-        return same_players(found.players, self.adversaries(game))
+        hashes = self._adversaries_sha256(game)
+        unchanged = all(hashes.get(player.label) in (None, player.sha256) for player in found.players)
+        return unchanged and same_players(found.players, self.adversaries(game))
 
     def _snapshots_done(self, name: str) -> bool:
         return self.bench.snapshot_path(name).is_file()

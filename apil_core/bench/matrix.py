@@ -14,8 +14,11 @@ from apil_core.config_layers import texts_in
 from apil_core.counts import number_list, whole_number
 from apil_core.profiles import Profile
 
-MATRIX_VERSION = 1
+MATRIX_VERSION = 2
 """Raised when a matrix of this version could be misread by older code."""
+
+NAMES_WITHOUT_BUDGET = 2
+"""First version in which a cell's name does not hold the matrix's first budget, so that it can be raised."""
 
 PLAIN, BLINDED = "plain", "blinded"
 """Scores that tables 1 and 2 are made of."""

@@ -75,11 +75,11 @@ def run_jobs(jobs: Sequence[Job], ledger: Ledger, executor: Executor, watch: Wat
 def jobs_done(jobs: Sequence[Job], ledger: Ledger) -> tuple[str, ...]:
     """Names of jobs with nothing left to do.
 
-    What is made of several cells is not done while one of them is to come: it may have a part in it then.
+    What is made of cells is not done while one of them is to come or trains on: it is made of that one, too.
     """
     done: list[str] = []
     for job in jobs:
-        if all(end in done for end in job.after) and ledger.is_done(job):
+        if all(end in done for end in (*job.needs, *job.after)) and ledger.is_done(job):
             done.append(job.name)
     return tuple(done)
 
@@ -132,7 +132,7 @@ class _Scheduler:
                 states.get(end) in ("done", "failed", "left out") for end in job.after
             ):
                 # what came in the meantime may have changed what is left of it
-                if job.after and self._ledger.is_done(job):
+                if self._ledger.is_done(job):
                     states[name] = "done"
                     continue
                 states[name] = "queued"

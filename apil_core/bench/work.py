@@ -130,6 +130,7 @@ class _Worker:
         command = self.ledger.command
         if run.checkpoints():
             check_same(run.config(), cell)
+            self.bench.set_aside(cell.name)
             result = runner.resume(
                 run.path, threads=self.threads, steps=cell.steps, progress=self.progress, command=command
             )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Group, Parameter
 
 from apil_core.bench.matrix import matrix_names
-from apil_core.cli.flags import Json, Quiet
+from apil_core.cli.flags import Json, Quiet, count
 from apil_core.cli.guard import INTERRUPTED, complain
 from apil_core.cli.progress import make_progress
 from apil_core.errors import ConfigError
@@ -39,6 +39,13 @@ def run(
     out: Annotated[
         Path | None,
         Parameter(help=f"The benchmark's directory [default: {_ROOT}/NAME]; continued if it exists."),
+    ] = None,
+    steps: Annotated[
+        int | None,
+        Parameter(
+            converter=count,
+            help="Budget of all cells instead of the matrix's, e.g. 20M; a higher one takes finished cells on.",
+        ),
     ] = None,
     dry_run: Annotated[
         bool,
@@ -72,6 +79,7 @@ def run(
 
     Everything is checked before anything starts. The same command goes on where it was stopped: finished
     cells are kept, half ones resume to the bit. A cell that fails is reported and does not stop the others.
+    Cells start seed by seed, in each method by method, in each game by game, as the matrix lists them.
     """
     from apil_core.bench.cells import resolve_matrix
     from apil_core.bench.folder import BenchDir
@@ -81,11 +89,13 @@ def run(
     from apil_core.cli.bench_table import make_watch, print_course, print_plan
 
     source, directory = _source(matrix, out)
+    if steps is not None:
+        source = source.model_copy(update={"steps": (steps,)})
     benchmark = resolve_matrix(source, matrix)
     bench = BenchDir(directory)
     named = [game for game, victims in source.victims.items() if "auto" not in victims]
     benchmark = _same_as_stored(bench, with_full_names(benchmark, matrix), named)
-    count, each = _share(workers, threads, executor)
+    at_once, each = _share(workers, threads, executor)
     jobs = make_jobs(benchmark)
     ledger = Ledger(bench, benchmark)
     if dry_run:
@@ -93,14 +103,14 @@ def run(
 
         with make_progress(quiet=quiet) as progress:
             cost = estimate(benchmark, ledger, threads=each, jobs=jobs, note=progress.note)
-        print_plan(benchmark, jobs, ledger, cost, count, as_json=as_json)
+        print_plan(benchmark, jobs, ledger, cost, at_once, as_json=as_json)
         return 0
     with bench.lock():
         bench.write_matrix(benchmark.matrix)
         begin = time.perf_counter()
         with (
             closing(make_watch(jobs, ledger, quiet=quiet)) as watch,
-            closing(_executor(executor, directory, count, each, address)) as running,
+            closing(_executor(executor, directory, at_once, each, address)) as running,
         ):
             course = run_jobs(jobs, ledger, running, watch)
     print_course(course, ledger, time.perf_counter() - begin, as_json=as_json)
@@ -141,7 +151,8 @@ def _same_as_stored(bench: Any, benchmark: Benchmark, named: Collection[str] = (
         if bench.path.exists() and (not bench.path.is_dir() or _occupied(bench.path)):
             raise RunDirError(f"{bench.path} exists and is no benchmark; choose another --out")
         return benchmark
-    stored = bench.matrix().victims
+    matrix = bench.matrix()
+    stored = matrix.victims
     for game in named:
         before, now = stored.get(game), benchmark.matrix.victims[game]
         if before not in (None, now):
@@ -150,7 +161,8 @@ def _same_as_stored(bench: Any, benchmark: Benchmark, named: Collection[str] = (
                 "give the changed matrix another --out"
             )
     pinned = {game: stored.get(game, names) for game, names in benchmark.matrix.victims.items()}
-    asked = benchmark.matrix.model_copy(update={"victims": pinned}, deep=True)
+    # the version decides what its cells are called
+    asked = benchmark.matrix.model_copy(update={"victims": pinned, "version": matrix.version}, deep=True)
     benchmark = resolve_matrix(asked, str(bench.matrix_path))
     for cell in benchmark.cells:
         run = bench.cell(cell.name)

@@ -25,9 +25,9 @@ from apil_core.cli import main
 from apil_core.recorders import read_metrics
 from bench.small_matrix import Here, made, outcome, process_of, rows_of, small_matrix, undisturbed, until
 
-CELL = "cells/toy-pursuit/adrl/s0-3072"
+CELL = "cells/toy-pursuit/adrl/s0"
 LONG = small_matrix(methods=["adrl", "apl"], steps=32 * 512)
-FIRST, SECOND = "cells/toy-pursuit/adrl/s0-16384", "cells/toy-pursuit/apl/s0-16384"
+FIRST, SECOND = "cells/toy-pursuit/adrl/s0", "cells/toy-pursuit/apl/s0"
 
 
 @pytest.fixture(scope="module")
@@ -137,15 +137,15 @@ def register_methods():
     words = (path, "--out", tmp_path / "b", "--quiet", "--json")
     assert call(*words) == 1
     told = json.loads(capsys.readouterr().out)
-    assert told["jobs"] == {"cells/toy-pursuit/shaky/s0-3072": "failed", CELL: "done"}
-    assert "the third iteration is too much" in told["failures"]["cells/toy-pursuit/shaky/s0-3072"]
+    assert told["jobs"] == {"cells/toy-pursuit/shaky/s0": "failed", CELL: "done"}
+    assert "the third iteration is too much" in told["failures"]["cells/toy-pursuit/shaky/s0"]
 
     (tmp_path / "mended").touch()
     assert call(*words) == 0
     told = json.loads(capsys.readouterr().out)
     assert (told["kept"], told["failures"]) == ([CELL], {})
     # the shaky cell went on from its checkpoint after two iterations
-    sessions = json.loads((tmp_path / "b/cells/toy-pursuit/shaky/s0-3072/environment.json").read_text())
+    sessions = json.loads((tmp_path / "b/cells/toy-pursuit/shaky/s0/environment.json").read_text())
     assert len(sessions) == 2
 
 
@@ -252,8 +252,8 @@ def test_a_dry_run_of_a_half_done_benchmark(done: Ledger, tmp_path: Path, capsys
     plan = json.loads(capsys.readouterr().out)
     states = {cell["name"]: (cell["state"], cell["rate_from"]) for cell in plan["cells"]}
     assert states == {
-        "toy-pursuit/adrl/s0-3072": ("done", "its run"),
-        "toy-pursuit/apl/s0-3072": ("new", "measured now"),
+        "toy-pursuit/adrl/s0": ("done", "its run"),
+        "toy-pursuit/apl/s0": ("new", "measured now"),
     }
     ready, new = plan["cells"]
     assert (ready["training_seconds"], ready["scoring_seconds"]) == (0, 0)
@@ -264,7 +264,7 @@ def test_a_dry_run_of_a_half_done_benchmark(done: Ledger, tmp_path: Path, capsys
 
     assert call(*words) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert any(line.split()[:2] == ["toy-pursuit/apl/s0-3072", "new"] for line in lines)
+    assert any(line.split()[:2] == ["toy-pursuit/apl/s0", "new"] for line in lines)
     assert "2 cells, 6,144 steps; besides: 2 × snapshots" in lines
     assert sorted(done.bench.path.rglob("*")) == before, "a dry run wrote something"
 

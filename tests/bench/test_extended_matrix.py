@@ -29,18 +29,16 @@ def matrix(**changes: Any) -> Matrix:
     return small_matrix(**{**base, **changes})
 
 
-def run(root: Path, **changes: Any) -> CrossPlay:
+def run(root: Path, **changes: Any) -> CrossPlay | None:
     bench = BenchDir(root)
     benchmark = _same_as_stored(bench, resolve_matrix(matrix(**changes)))
     bench.write_matrix(benchmark.matrix)
     course = run_jobs(make_jobs(benchmark), Ledger(bench, benchmark), Here(root))
     assert set(course.states.values()) == {"done"}
-    found = read_crossplay(bench, GAME)
-    assert found is not None
-    return found
+    return read_crossplay(bench, GAME)
 
 
-def labels(document: CrossPlay) -> list[str]:
+def labels(document: CrossPlay | None) -> list[str]:
     return [player.label for player in document.adversaries]
 
 
@@ -49,14 +47,44 @@ def test_cross_play_keeps_up_with_its_matrix(tmp_path: Path) -> None:
     first = run(tmp_path)
     assert labels(first) == ["adrl"]
     more = run(tmp_path, seeds=[0, 1])  # labels change, and games that were played stay
-    assert labels(more) == ["adrl/s0-512", "adrl/s1-512"]
+    assert labels(more) == ["adrl/s0", "adrl/s1"]
     assert more.scores[0] == first.scores[0]
     again = run(tmp_path, seeds=[0, 1], crossplay={"episodes": 6})
     assert {score.episodes for score in again.played} == {6}
-    longer = run(tmp_path, steps=1024)  # the same label, but somebody else
+    longer = run(tmp_path, steps=1024)  # the same run, and somebody else by now
     assert labels(longer) == ["adrl"]
-    assert longer.adversaries[0].name.endswith("/s0-1024")
+    assert longer.adversaries[0].name == first.adversaries[0].name
     assert longer.adversaries[0].sha256 != first.adversaries[0].sha256
+
+
+def test_a_raised_budget_takes_finished_cells_on(tmp_path: Path) -> None:
+    whole = {"crossplay": None, "snapshots": {}}
+    run(tmp_path / "raised", **whole)
+    bench = BenchDir(tmp_path / "raised")
+    (cell,) = bench.cells()
+    before = (cell.run.result() or {})["steps"], bench.snapshot_path(cell.name).read_bytes()
+    retrained = bench.retrained_dir(cell.name)
+    retrained.mkdir(parents=True)
+    run(tmp_path / "raised", steps=1024, **whole)
+    run(tmp_path / "at_once", steps=1024, **whole)
+    (raised,), (at_once,) = bench.cells(), BenchDir(tmp_path / "at_once").cells()
+    assert before[0] == 512
+    assert (raised.name, raised.steps, raised.score("plain").trained_steps) == (cell.name, 1024, 1024)
+    assert raised.score("plain").wins == at_once.score("plain").wins
+    assert raised.run.last_metrics()["ppo/value"] == at_once.run.last_metrics()["ppo/value"]
+    assert not retrained.exists()  # it was hardened against another adversary
+    assert (tmp_path / "raised" / "earlier" / cell.name / "0").is_dir()
+    assert bench.snapshot_path(cell.name).read_bytes() != before[1]
+
+
+def test_a_benchmark_of_an_older_version_keeps_its_cells_names(tmp_path: Path) -> None:
+    bench = BenchDir(tmp_path)
+    old = resolve_matrix(matrix(version=1, steps=["1M", "8M"]))
+    assert [cell.name for cell in old.cells] == [f"{GAME}/adrl/s0-1M", f"{GAME}/adrl/s0-8M"]
+    bench.write_matrix(old.matrix)
+    now = resolve_matrix(matrix(steps=["1M", "8M"]))
+    assert [cell.name for cell in now.cells] == [f"{GAME}/adrl/s0", f"{GAME}/adrl/s0-8M"]
+    assert [cell.name for cell in _same_as_stored(bench, now).cells] == [cell.name for cell in old.cells]
 
 
 def test_victims_are_called_as_runs_call_them() -> None:

@@ -28,7 +28,7 @@ pytest.importorskip("ray", reason="Ray is not installed (pip install 'apil[ray]'
 os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
 
 TWO = small_matrix(methods=["adrl", "apl"], steps=40 * 512)
-FIRST, SECOND = "cells/toy-pursuit/adrl/s0-20480", "cells/toy-pursuit/apl/s0-20480"
+FIRST, SECOND = "cells/toy-pursuit/adrl/s0", "cells/toy-pursuit/apl/s0"
 
 
 @pytest.fixture

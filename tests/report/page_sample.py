@@ -60,7 +60,7 @@ def evidence(*, nasty: bool = True, games: Sequence[str] = GAMES[:2]) -> m.Evide
             m.Unfinished(
                 game="sumo-ants",
                 method="apl",
-                label="s1-1M",
+                label="s1",
                 status="failed",
                 steps=300_000,
                 planned_steps=1_000_000,
@@ -469,7 +469,7 @@ def _provenance(methods: list[str]) -> m.Provenance:
             game=game,
             method=method,
             seed=0,
-            label="s0-1M",
+            label="s0",
             path=f"runs/{game}/{method}",
             status="finished",
             steps=1_000_000,

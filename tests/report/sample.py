@@ -29,8 +29,8 @@ KICK, SUMO = "kick-and-defend", "sumo-humans"
 VICTIMS = {KICK: "zoo:kick-and-defend/kicker/v1", SUMO: "zoo:sumo-humans/fighter/v3"}
 BASELINES = {KICK: "zoo:kick-and-defend/defender/v1", SUMO: "zoo:sumo-humans/fighter/v1"}
 STEPS = 1_000_000
-FAILED = "sumo-humans/apl/s1-1M"
-WORKING = "sumo-humans/adrl/s1-1M"
+FAILED = "sumo-humans/apl/s1"
+WORKING = "sumo-humans/adrl/s1"
 
 WINS_TIES: Mapping[tuple[str, str], tuple[int, int]] = {
     (KICK, "baseline"): (280, 10),
@@ -205,7 +205,7 @@ def _cell(bench: BenchDir, cell: Cell) -> None:
 
 
 def _retrained(bench: BenchDir) -> None:
-    path = bench.retrained_dir(f"{KICK}/e_apil/s0-1M-apil.prediction=imitator")
+    path = bench.retrained_dir(f"{KICK}/e_apil/s0-apil.prediction=imitator")
     config = RetrainConfig(
         adversaries=("run:somewhere",),
         labels=("e_apil", "baseline"),
@@ -240,7 +240,7 @@ def _crossplay(bench: BenchDir) -> None:
     }
     adversaries, victims = ("baseline", "adrl", "e_apil"), ("original", "vs adrl", "vs e_apil")
     trained = {"baseline": None, "adrl": STEPS, "e_apil": STEPS}
-    retrained = bench.retrained_dir(f"{KICK}/e_apil/s0-1M-apil.prediction=imitator")
+    retrained = bench.retrained_dir(f"{KICK}/e_apil/s0-apil.prediction=imitator")
     names = {"original": VICTIMS[KICK]}
     document = CrossPlay(
         env=KICK,
@@ -296,6 +296,6 @@ def _activations(bench: BenchDir) -> None:
 def _snapshot(bench: BenchDir) -> None:
     from PIL import Image
 
-    path = bench.snapshot_path(f"{KICK}/e_apil/s0-1M-apil.prediction=imitator")
+    path = bench.snapshot_path(f"{KICK}/e_apil/s0-apil.prediction=imitator")
     path.parent.mkdir(parents=True)
     Image.new("RGB", (60, 20), "gray").save(path)

@@ -52,7 +52,7 @@ def test_its_numbers_are_those_of_its_scores(bench: BenchDir) -> None:
     assert [(table.number, table.blind) for table in evidence.tables] == [(1, None), (2, "zeros")]
     for table, name in zip(evidence.tables, ("plain", "blinded"), strict=True):
         for own in table.rows[0]:
-            score = read_score(bench.cell(f"{TOY}/{own.column}/s0-2048").path, name)
+            score = read_score(bench.cell(f"{TOY}/{own.column}/s0").path, name)
             if own.column == "baseline":
                 assert own.scores == []  # the toy game has none
                 continue
@@ -70,7 +70,7 @@ def test_its_numbers_are_those_of_its_scores(bench: BenchDir) -> None:
 
 def test_a_baseline_of_other_games_is_not_taken(bench: BenchDir) -> None:
     """The toy game has no baseline: one that would be is put there, of the same games and of others."""
-    score = read_score(bench.cell(f"{TOY}/adrl/s0-2048").path, "plain")
+    score = read_score(bench.cell(f"{TOY}/adrl/s0").path, "plain")
     who = {"adversary": PolicyId(name="somebody", sha256=""), "trained_steps": None}
     same = score.model_copy(update=who)
     other = same.model_copy(update={"game_options": {**score.game_options, "max_steps": 3}})
@@ -109,20 +109,20 @@ def test_the_same_directory_twice_counts_once_and_the_answer_can_be_json(
 
 
 def test_a_cell_named_as_a_run_of_its_own_counts_once(bench: BenchDir) -> None:
-    found = gather([bench.path], [bench.cell(f"{TOY}/adrl/s0-2048").path])
+    found = gather([bench.path], [bench.cell(f"{TOY}/adrl/s0").path])
     assert len(found.provenance.runs) == 2
     assert found.provenance.directories == [str(bench.path)]
     assert not any(warning.kind == "copies" for warning in found.warnings)
 
 
 def test_single_runs_beside_a_benchmark_are_named(bench: BenchDir, tmp_path: Path) -> None:
-    run = shutil.copytree(bench.cell(f"{TOY}/adrl/s0-2048").path, tmp_path / "run")
+    run = shutil.copytree(bench.cell(f"{TOY}/adrl/s0").path, tmp_path / "run")
     (run / "environment.json").write_text('[{"versions": 3}]')
     assert gather([bench.path], [run]).provenance.directories == [str(bench.path), str(run)]
 
 
 def test_a_damaged_cell_is_listed_and_hides_no_other(bench: BenchDir) -> None:
-    path = bench.cell(f"{TOY}/adrl/s0-2048").path / "scores" / "plain.json"
+    path = bench.cell(f"{TOY}/adrl/s0").path / "scores" / "plain.json"
     text = path.read_text()
     try:
         path.write_text("{")
