@@ -96,19 +96,35 @@ class PPOConfig(Section):
     """Clip of the normalised observation."""
 
 
+class StopConfig(Section):
+    """When training ends before its budget is used up; looked at after each evaluation during training."""
+
+    win_rate_above: Annotated[float, Field(ge=0, lt=1)] | None = None
+    """The whole 95 % interval of the win rate lies above this; null: never."""
+    no_gain_in: Annotated[int, Field(gt=0)] | None = None
+    """This many evaluations have won no more than an earlier one; null: never."""
+
+
 class EvaluationConfig(Section):
     """Scoring during and after training."""
 
     episodes: Annotated[int, Field(ge=0)] = 1000
     """Games of the final evaluation; 0: none. 1000 games give ± 3 points at 50 %."""
     every_steps: Annotated[int, Field(ge=0)] = 0
-    """Environment steps between evaluations during training; 0: none."""
+    """Environment steps between evaluations during training; 0: none. The best's checkpoint is kept."""
     periodic_episodes: Annotated[int, Field(gt=0)] = 200
-    """Games of each evaluation during training."""
+    """Games of each evaluation during training, of other seeds than the final one's."""
+    stop_when: StopConfig = StopConfig()
     adversary_actions: ActionMode = "sample"
     """Draw the adversary's evaluation actions, or take the mode."""
     victim_actions: ActionMode = "sample"
     """Draw the victim's evaluation actions, or take the mode."""
+
+    @model_validator(mode="after")
+    def _stop_needs_evaluations(self) -> EvaluationConfig:
+        if self.stop_when != StopConfig() and not self.every_steps:
+            raise ValueError("stop_when needs evaluations during training: set every_steps")
+        return self
 
 
 class CheckpointConfig(Section):

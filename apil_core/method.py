@@ -114,6 +114,10 @@ class Run(Protocol):
         """Environment steps collected so far."""
         ...
 
+    def stop(self, reason: str) -> None:
+        """End the training after this iteration, as if the budget were used up; the ``reason`` is kept."""
+        ...
+
     def collect(self, victim_side_policy: Policy, steps: int) -> Rollout:
         """Play ``steps`` vectorised steps in a second set of games, the current adversary against the
         given policy in the victim's seat. Counted in the budget; nothing of it reaches PPO."""

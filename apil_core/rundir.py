@@ -24,6 +24,8 @@ from apil_core.plugins import PluginRegistry
 from apil_core.retraining.mark import is_retraining
 
 DEFAULT_ROOT = Path("runs")
+BEST = "best"
+"""What stands for the checkpoint that won most, wherever one is chosen."""
 _PACKAGES = ("apil", "torch", "mujoco", "numpy", "rsl-rl-lib", "gymnasium", "pettingzoo", "tensordict")
 
 
@@ -41,6 +43,7 @@ class RunDir:
         self.result_path = self.path / "result.json"
         self.environment_path = self.path / "environment.json"
         self.checkpoint_dir = self.path / "checkpoints"
+        self.best_path = self.checkpoint_dir / "best.pt"
         self.curve_path = self.path / "curve.png"
         self.won_game_path = self.path / "won-game.mp4"
 
@@ -116,6 +119,23 @@ class RunDir:
         if not found:
             raise RunDirError(f"{self.path} has no checkpoint yet: nothing to continue or evaluate")
         return found[-1]
+
+    def checkpoint(self, wanted: Path | None) -> Path:
+        """The newest one, the one that won most in evaluations during training (``best``), or the given one.
+
+        Raises:
+            RunDirError: there is none.
+        """
+        if wanted is None:
+            return self.newest_checkpoint()
+        if wanted != Path(BEST):
+            return wanted
+        if not self.best_path.is_file():
+            raise RunDirError(
+                f"{self.path} has no best checkpoint: it is kept by evaluations during training "
+                "(--set evaluation.every_steps=N)"
+            )
+        return self.best_path
 
     def abandon_after(self, iteration: int) -> None:
         """Set aside checkpoints later than ``iteration``: the run goes on from there, on another path."""

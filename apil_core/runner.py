@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +81,8 @@ def resume(
     Args:
         run_dir: directory of the run.
         steps: new total of environment steps; default: as configured.
-        checkpoint_path: continue from this one instead of the newest (later metrics are dropped).
+        checkpoint_path: continue from this one instead of the newest (later metrics are dropped); ``best``
+            is the one that won most in evaluations during training.
         threads: of physics, and of the update (two at most), for this session; never changes results.
         progress: who is told how it goes.
         command: stored in ``environment.json``.
@@ -93,24 +95,28 @@ def resume(
     registry = _plugins(stored)
     stored = completed(stored, registry)
     with joined(stored.device) as world, _held(directory, world):
-        path = world.share(checkpoint_path or directory.newest_checkpoint())
+        path = world.share(directory.checkpoint(checkpoint_path))
         state = _read(path, stored, registry, world)
         config = _changed(stored, steps, threads)
-        _check_unfinished(directory, state, config, world)
+        ended = _check_unfinished(directory, state, config, world)
         trainer = _trainer(config, registry, world)
         with fitting(path):
             trainer.load_state_dict(state)
+        if not ended and steps is None:  # only the final score is missing
+            trainer.stopped = state.get("stopped", "")
         world.wait()  # until all have read what the first one changes now
         if world.is_main:
             truncate_metrics(directory.metrics_path, iterations_in_rows(state))
             directory.abandon_after(state["iteration"])
+            _abandon_best_after(directory.best_path, state["steps"])
             directory.retire_result(int(state["steps"]))
             directory.write_config(trainer.config, registry)
             directory.note_environment(command)
         progress = progress or Progress()
         if config.steps != stored.steps:
             _note_changed_schedules(trainer, progress)
-        return Session(trainer, directory, progress, registry, state.get("pending_rows", ())).go()
+        log, scores = state.get("pending_rows", ()), state.get("evaluations", ())
+        return Session(trainer, directory, progress, registry, log, scores).go()
 
 
 @contextmanager
@@ -129,7 +135,18 @@ def _read(path: Path, stored: RunConfig, registry: PluginRegistry, world: World)
     return state if world.is_main else checkpoint.read(part_of_rank(path, world.rank))
 
 
-def _check_unfinished(directory: RunDir, state: dict[str, Any], config: RunConfig, world: World) -> None:
+def _abandon_best_after(path: Path, steps: int) -> None:
+    """Set aside a best checkpoint that was taken later than where the run goes on."""
+    if path.is_file():
+        taken = math.inf
+        with suppress(RunDirError):  # a damaged one must not keep the run from going on
+            taken = checkpoint.read(path)["steps"]
+        if taken > steps:
+            path.replace(path.with_name(f"{path.name}.abandoned"))
+
+
+def _check_unfinished(directory: RunDir, state: dict[str, Any], config: RunConfig, world: World) -> bool:
+    """Whether the run has ended there, early; if with its whole budget, that is an error."""
     result = directory.result() or {}
     # a run killed during its final evaluation has all its steps but no result for them yet
     ended = result.get("status") == "finished" and result.get("steps") == state["steps"]
@@ -138,6 +155,7 @@ def _check_unfinished(directory: RunDir, state: dict[str, Any], config: RunConfi
             f"{directory.path} is finished at {state['steps']} steps; to extend it: "
             f"{world.command} resume {directory.path} --steps N with N > {state['steps']}"
         )
+    return bool(ended)
 
 
 def _changed(config: RunConfig, steps: int | None, threads: int | None) -> RunConfig:

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from pydantic import BaseModel
 
 from apil_core import checkpoint
+from apil_core.best import EvaluationHistory
 from apil_core.distributed.join import in_contact
 from apil_core.errors import ApilError
 from apil_core.evaluation import EvaluationResult
@@ -22,6 +23,7 @@ from apil_core.plugins import PluginRegistry
 from apil_core.progress import Progress
 from apil_core.rundir import RunDir, part_of_rank
 from apil_core.seats import victim_name
+from apil_core.seeds import stream_seed
 from apil_core.stop_signal import Stopped, StopWish
 from apil_core.torch_threads import one_torch_thread
 from apil_core.trainer import Trainer
@@ -34,6 +36,10 @@ class RunResult(BaseModel):
     status: Literal["finished", "interrupted"]
     steps: int
     wall_seconds: float
+    stopped: str = ""
+    """Why training ended before its budget was used up; empty if it did not."""
+    best: dict[str, Any] | None = None
+    """The evaluation during training that won most (``steps``, ``games``, ``wins``, ``low``), if any."""
     evaluation: EvaluationResult | None = None
 
 
@@ -45,6 +51,7 @@ class Session:
 
     Args:
         pending_rows: metrics that the checkpoint says are in no row of the log yet.
+        evaluations: of an earlier stretch, as the checkpoint has them.
     """
 
     def __init__(
@@ -54,6 +61,7 @@ class Session:
         progress: Progress,
         plugins: PluginRegistry,
         pending_rows: Iterable[Row] = (),
+        evaluations: Iterable[dict[str, Any]] = (),
     ):
         self.trainer = trainer
         self.run_dir = run_dir
@@ -63,6 +71,8 @@ class Session:
         names = self.config.recorders if self.world.is_main else ()
         recorders = open_recorders([plugins.recorders[name] for name in names], run_dir.path)
         self.log = RowLog(recorders, iterations_per_row(self.config), pending_rows, progress.note)
+        # what won most is only worth remembering where it is still there
+        self.history = EvaluationHistory(evaluations if run_dir.best_path.is_file() else ())
         self.victim = victim_name(self.config, plugins)
         self._saved_iteration = -1
         self._wish = StopWish(progress)
@@ -105,7 +115,9 @@ class Session:
 
     @property
     def _goes_on(self) -> bool:
-        return not self.trainer.finished and not self.world.any(self._wish.asked)
+        return not self.trainer.finished and not self.world.any(
+            self._wish.asked or bool(self.trainer.stopped)
+        )
 
     def _iteration(self) -> None:
         trainer = self.trainer
@@ -137,8 +149,7 @@ class Session:
         every = self.config.evaluation.every_steps
         if every and before // every < trainer.steps // every:
             with suppress(Stopped):
-                result = self._evaluate(self.config.evaluation.periodic_episodes)
-                metrics.update(_evaluation_metrics(result))
+                metrics.update(_evaluation_metrics(self._evaluate_on_the_way()))
         self.log.record(metrics, trainer.steps - before)
         self.progress.iteration(metrics)
         trainer.hook.iteration_finished(run=trainer, metrics=metrics)
@@ -151,7 +162,7 @@ class Session:
         iteration = self.trainer.iteration
         if self._saved_iteration == iteration:
             return
-        state = {**self.trainer.state_dict(), "pending_rows": self.log.pending}
+        state = self._state()
         path = self.run_dir.checkpoint_path(iteration)
         if not self.world.is_main:
             checkpoint.save(part_of_rank(path, self.world.rank), state)
@@ -161,11 +172,34 @@ class Session:
             self.run_dir.prune(self.config.checkpoint.keep)
         self._saved_iteration = iteration
 
+    def _state(self) -> dict[str, Any]:
+        return {
+            **self.trainer.state_dict(),
+            "pending_rows": self.log.pending,
+            "evaluations": self.history.rows,
+            "stopped": self.trainer.stopped,
+        }
+
+    def _evaluate_on_the_way(self) -> EvaluationResult:
+        """Score the adversary on games of their own, keep it if none was better, stop if that was agreed."""
+        trainer, wanted = self.trainer, self.config.evaluation
+        # the final score must not be of the games that the best was chosen by
+        seed = stream_seed(self.config.seed, "evaluation during training")
+        result = self._evaluate(wanted.periodic_episodes, seed=seed)
+        if self.history.add(result, trainer.steps):
+            checkpoint.save(self.run_dir.best_path, self._state())
+        if reason := self.history.why_stop(wanted.stop_when):
+            trainer.stop(reason)
+        return result
+
     def _finish(self) -> tuple[Literal["finished", "interrupted"], EvaluationResult | None]:
         """The score at the end, unless somebody stops it; the other processes wait for the first one's."""
         status: Literal["finished", "interrupted"] = "interrupted"
         evaluation = None
-        if self.world.is_main and self.trainer.finished and not self._wish.asked:
+        over = self.trainer.finished or self.trainer.stopped
+        if self.trainer.stopped and self.world.is_main:
+            self.progress.note(f"stopped early: {self.trainer.stopped}")
+        if self.world.is_main and over and not self._wish.asked:
             with suppress(Stopped):  # the checkpoint is written already
                 evaluation = self._final_evaluation()
                 status = "finished"
@@ -190,8 +224,8 @@ class Session:
                 {"status": "failed", "steps": self.trainer.steps, "error": str(error)},
             )
 
-    def _evaluate(self, episodes: int, **identity: str) -> EvaluationResult:
-        result = self.trainer.evaluate(episodes, self._wish.progress, **identity)
+    def _evaluate(self, episodes: int, **options: Any) -> EvaluationResult:
+        result = self.trainer.evaluate(episodes, self._wish.progress, **options)
         self.progress.evaluation(result, self.trainer.steps)
         return result
 
@@ -210,6 +244,8 @@ class Session:
             status=status,
             steps=self.trainer.steps,
             wall_seconds=self.trainer.wall_seconds,
+            stopped=self.trainer.stopped,
+            best=self.history.best,
             evaluation=evaluation,
         )
         if self.world.is_main:

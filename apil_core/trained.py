@@ -55,7 +55,7 @@ class Source:
 
         Args:
             path: of the directory or the checkpoint.
-            checkpoint_path: a checkpoint of the directory; default: its newest.
+            checkpoint_path: a checkpoint of the directory, or ``best``; default: its newest.
 
         Raises:
             RunDirError: there is no run, or no such checkpoint.
@@ -64,7 +64,7 @@ class Source:
         if path.suffix != ".pt":
             run_dir = RunDir(path)
             run_dir.config()  # its error is the better one where there is no run at all
-            return cls(run_dir, (checkpoint_path or run_dir.newest_checkpoint()).absolute())
+            return cls(run_dir, run_dir.checkpoint(checkpoint_path).absolute())
         if not path.is_file():
             raise RunDirError(
                 f"there is no checkpoint {path}: a run keeps its newest ones only (checkpoint.keep); "

@@ -54,6 +54,7 @@ class Trainer:
         self.iteration = 0
         self.hook = attack.hooks.hook
         self.wall_seconds = 0.0
+        self.stopped = ""
         self._begun_at = 0
         self._beside_ppo = False
         self.side_games = SideGames(attack, plugins)
@@ -187,6 +188,10 @@ class Trainer:
         # as the published code: the share of the budget left when the iteration began
         return ppo.learning_rate * max(1.0 - self._begun_at / self.total_steps, 0.0)
 
+    def stop(self, reason: str) -> None:
+        """See :meth:`apil_core.Run.stop`."""
+        self.stopped = self.stopped or reason or "somebody asked for it"
+
     def collect(self, victim_side_policy: Policy, steps: int) -> Rollout:
         """See :meth:`apil_core.Run.collect`."""
         if self._beside_ppo:
@@ -195,7 +200,12 @@ class Trainer:
         return self.side_games.collect(victim_side_policy, steps)
 
     def evaluate(
-        self, episodes: int, progress: Progress, name: str = "", sha256: str = "in memory"
+        self,
+        episodes: int,
+        progress: Progress,
+        name: str = "",
+        sha256: str = "in memory",
+        seed: int | None = None,
     ) -> EvaluationResult:
         """Score the current adversary without touching the training games or their randomness.
 
@@ -205,8 +215,10 @@ class Trainer:
             episodes: number of games.
             progress: told of the games played.
             name, sha256: identity of the adversary, for the result.
+            seed: of the games and all draws; default: the run's.
         """
         config, side = self.config, self.adversary_side
+        seed = config.seed if seed is None else seed
         seat = self.layout.sides[side]
         name = name or f"run at {self.steps} steps"
         info = PolicyInfo(name, sha256, seat.observation_size, seat.action_size)
@@ -219,13 +231,11 @@ class Trainer:
                 plugins=self.plugins,
             )
             try:
-                victim = run_victim(config, game, self.plugins, config.seed)
+                victim = run_victim(config, game, self.plugins, seed)
                 state = copy.deepcopy(self._policy_state())
-                adversary = adversary_policy(
-                    state, info, config, game.layout, side, self.plugins, config.seed
-                )
+                adversary = adversary_policy(state, info, config, game.layout, side, self.plugins, seed)
                 pairing = Pairing(config, game, adversary, victim, side, adversary.hooks, self.steps)
-                result = score(pairing, episodes=episodes, seed=config.seed, progress=progress)
+                result = score(pairing, episodes=episodes, seed=seed, progress=progress)
             finally:
                 game.close()
         self.hook.evaluation_finished(run=self, result=result.model_dump(mode="json"))

@@ -103,9 +103,10 @@ class Ledger:
         return bool(getattr(self, f"_{job.kind}_done")(job.subject))
 
     def trained(self, cell: Cell) -> bool:
-        """Whether a cell's training has its budget."""
+        """Whether a cell's training has its budget, or was stopped early as agreed."""
         result = self.bench.cell(cell.name).result() or {}
-        return result.get("status") == "finished" and int(result.get("steps", 0)) >= cell.steps
+        enough = bool(result.get("stopped")) or int(result.get("steps", 0)) >= cell.steps
+        return result.get("status") == "finished" and enough
 
     def missing_scores(self, cell: Cell) -> dict[str, ScoreConfig]:
         """Scores of a trained cell that are still to be played."""

@@ -44,7 +44,7 @@ def run(
         int | None,
         Parameter(
             converter=count,
-            help="Budget of all cells instead of the matrix's, e.g. 20M; a higher one takes finished cells on.",
+            help="Budget of all cells [default: the matrix's]; a higher one takes finished cells on.",
         ),
     ] = None,
     dry_run: Annotated[

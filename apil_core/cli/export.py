@@ -27,7 +27,7 @@ def export(
         Path | None, Parameter(help="File to write [default: adversary.onnx, .pt or .safetensors in RUN].")
     ] = None,
     checkpoint: Annotated[
-        Path | None, Parameter(help="Checkpoint of the run to take [default: the newest].")
+        Path | None, Parameter(help="Checkpoint of the run to take, or best [default: the newest].")
     ] = None,
     plugin: Plugins | None = None,
     force: Annotated[bool, Parameter(show_default=False, help="Replace the file if it exists.")] = False,

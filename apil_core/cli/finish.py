@@ -34,6 +34,10 @@ def print_end(result: RunResult) -> None:
 
     if result.evaluation is not None:
         print_score(result.evaluation)
+    if result.best is not None:
+        rate, steps = result.best["wins"] / result.best["games"], result.best["steps"]
+        how = f"score it: apil eval {result.run_dir} --checkpoint best"
+        console().print(f"best       {rate:.1%} wins at {steps:,} steps; {how}", markup=False)
     if result.status == "finished":
         console().print(f"run        {result.run_dir}, {result.steps:,} steps", markup=False)
 

@@ -177,7 +177,7 @@ class PairingFlags:
         ),
     ] = field(default_factory=list)
     checkpoint: Annotated[
-        Path | None, Parameter(help="Checkpoint of the run to take [default: the newest].")
+        Path | None, Parameter(help="Checkpoint of the run to take, or best [default: the newest].")
     ] = None
     plugin: Plugins = field(default_factory=list)
 

@@ -25,7 +25,7 @@ def resume(
         int | None, Parameter(converter=count, help="New total budget; also extends a finished run.")
     ] = None,
     checkpoint: Annotated[
-        Path | None, Parameter(help="Checkpoint to continue from [default: the newest].")
+        Path | None, Parameter(help="Checkpoint to continue from, or best [default: the newest].")
     ] = None,
     threads: Annotated[
         int | None,
