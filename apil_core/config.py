@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 SCHEMA_VERSION = 1
 """Raised when a config of this version could be misread by older code."""
@@ -181,8 +180,10 @@ class RunConfig(Section):
     """Observers, and plugins with run hooks of their own, that are switched on, in this order."""
     plugins: tuple[str, ...] = ()
     """One-file plugins (paths) to load before anything else."""
-    init_from: Path | None = None
-    """Run directory whose final adversary the training starts from."""
+    init_from: Annotated[str, BeforeValidator(lambda value: str(value))] | None = None
+    """Run directory whose final adversary training goes on from, or policy (zoo:…, run:…) to clone first."""
+    init_steps: Annotated[int, Field(gt=0)] = 200_000
+    """Environment steps of the budget in which a policy named by init_from is cloned and its value learnt."""
 
     @model_validator(mode="after")
     def _batch_divides(self) -> RunConfig:

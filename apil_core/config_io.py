@@ -23,6 +23,7 @@ from apil_core.config_layers import (
     Layer,
     file_layer,
     flag_layer,
+    located,
     merge,
     preset_layer,
     set_layer,
@@ -129,7 +130,7 @@ def complete(config: RunConfig, plugins: PluginRegistry) -> RunConfig:
     data = config.model_dump(mode="json")
     # stored configs resolve relative paths against their own directory
     data["plugins"] = [str(Path(path).resolve()) for path in config.plugins]
-    data["init_from"] = None if config.init_from is None else str(config.init_from.resolve())
+    data["init_from"] = located(config.init_from, Path())
     return resolve_layers([Layer(data, {(key,): "RunConfig" for key in data})], plugins)
 
 

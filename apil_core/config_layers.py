@@ -6,6 +6,7 @@ A layer is plain nested data plus, for every key in it, the text that error mess
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import resources
@@ -25,6 +26,8 @@ CONFIG, ENVIRONMENT = "config.yaml", "environment.json"
 """What every run directory holds: its settings, and where and with what they were used."""
 
 _PATH_KEYS = ("init_from", "plugins")
+POLICY_NAME = re.compile(r"[a-z][a-z0-9_]+:")
+"""How names of policies begin: with a scheme."""
 
 
 @dataclass
@@ -227,9 +230,14 @@ def _keys(data: Any, prefix: Key) -> list[Key]:
     return [prefix, *(key for name, value in below for key in _keys(value, (*prefix, name)))]
 
 
+def located(name: str | None, folder: Path) -> str | None:
+    """A path, relative to ``folder``, made absolute; a policy's name (scheme, colon, …) as it is."""
+    return name if name is None or POLICY_NAME.match(name) else str((folder / name).resolve())
+
+
 def _relative_to(folder: Path, value: Any) -> Any:
     if isinstance(value, str):
-        return str((folder / value).resolve())
+        return located(value, folder)
     if isinstance(value, list):
         return [_relative_to(folder, item) for item in value]
     return value

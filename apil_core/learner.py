@@ -9,6 +9,7 @@ Accepted departures: actor and critic are clipped separately; one permutation se
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -194,7 +195,9 @@ class Learner:
             result[name] = self.critics[name].advantages(self, rewards, last)
         return result
 
-    def update(self, advantages: Tensor, *, as_given: bool, learning_rate: float) -> dict[str, float]:
+    def update(
+        self, advantages: Tensor, *, as_given: bool, learning_rate: float, actor_fixed: bool = False
+    ) -> dict[str, float]:
         """PPO's epochs over the stored rollout, and the streams' critics.
 
         Args:
@@ -202,6 +205,7 @@ class Learner:
             as_given: true for mixed streams, which arrive normalised per rollout; false: normalise
                 per minibatch.
             learning_rate: for this iteration.
+            actor_fixed: update the critics alone.
         """
         ppo = self.ppo
         ppo.learning_rate = learning_rate
@@ -216,10 +220,15 @@ class Learner:
             with torch.inference_mode():
                 return float(before.kl(self.actor(observations)).mean())
 
-        limit = self.config.max_kl
+        limit = None if actor_fixed else self.config.max_kl
         if limit is not None:
             self.storage.goes_on = lambda: not self.world.any(kl() > limit)
+        fixed = copy.deepcopy(self.actor.state_dict()) if actor_fixed else None
         losses, passes = ppo.update(), self.storage.passes
+        if fixed is not None:  # rsl_rl has one optimiser for both
+            self.actor.load_state_dict(fixed)
+            for parameter in self.actor.parameters():
+                ppo.optimizer.state.pop(parameter, None)
         # rsl_rl divides by the passes it was to make
         metrics = {
             f"ppo/{name}": float(value) * self.config.epochs / passes for name, value in losses.items()

@@ -16,6 +16,7 @@ from apil_core.checkpoint_fit import check_same_run, check_same_world, fitting
 from apil_core.config import RunConfig
 from apil_core.config_absent import completed
 from apil_core.config_io import complete
+from apil_core.config_layers import POLICY_NAME
 from apil_core.distributed.join import joined
 from apil_core.distributed.world import World
 from apil_core.errors import ConfigError, RunDirError, UnknownNameError
@@ -29,6 +30,7 @@ from apil_core.session import RunResult as RunResult
 from apil_core.session import Session
 from apil_core.specs import load
 from apil_core.trainer import Trainer
+from apil_core.warm_start import load_teacher
 
 
 def run(
@@ -58,13 +60,15 @@ def run(
     config = complete(config, registry).model_copy(update={"victim_sha256": ""})
     with joined(config.device) as world:
         trainer = _trainer(config, registry, world)
-        if config.init_from is not None:
-            _initialise(trainer, config.init_from)
+        start = config.init_from
+        teacher = load_teacher(trainer, start) if start and POLICY_NAME.match(start) else None
+        if start and teacher is None:
+            _initialise(trainer, Path(start))
         trainer.start_equal()
         made = RunDir.create(trainer.config, out, command, registry).path if world.is_main else None
         run_dir = RunDir(world.share(made) or "")
         with _held(run_dir, world):
-            return Session(trainer, run_dir, progress or Progress(), registry).go()
+            return Session(trainer, run_dir, progress or Progress(), registry).go(teacher)
 
 
 def resume(
@@ -204,7 +208,8 @@ def _initialise(trainer: Trainer, source: Path) -> None:
     if state["groups"] != mine or theirs.ppo.hidden != trainer.config.ppo.hidden:
         raise ConfigError(
             f"init_from: {source} has observation groups {state['groups']} and hidden layers "
-            f"{theirs.ppo.hidden}, this run {mine} and {trainer.config.ppo.hidden}"
+            f"{theirs.ppo.hidden}, this run {mine} and {trainer.config.ppo.hidden}; "
+            f"to clone its adversary: --init-from run:{source}"
         )
     with fitting(path):
         trainer.start_from(state)

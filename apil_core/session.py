@@ -20,6 +20,7 @@ from apil_core.memory import resident_mb
 from apil_core.method import RunPlugin
 from apil_core.plugin_state import states_of
 from apil_core.plugins import PluginRegistry
+from apil_core.policy import Policy
 from apil_core.progress import Progress
 from apil_core.rundir import RunDir, part_of_rank
 from apil_core.seats import victim_name
@@ -27,6 +28,7 @@ from apil_core.seeds import stream_seed
 from apil_core.stop_signal import Stopped, StopWish
 from apil_core.torch_threads import one_torch_thread
 from apil_core.trainer import Trainer
+from apil_core.warm_start import beside_teacher, warm_start
 
 
 class RunResult(BaseModel):
@@ -77,8 +79,12 @@ class Session:
         self._saved_iteration = -1
         self._wish = StopWish(progress)
 
-    def go(self) -> RunResult:
-        """Train until the budget is used up or somebody stops it; always leaves a checkpoint."""
+    def go(self, teacher: Policy | None = None) -> RunResult:
+        """Train until the budget is used up or somebody stops it; always leaves a checkpoint.
+
+        Args:
+            teacher: policy that the adversary is made to act like first.
+        """
         trainer, hooks = self.trainer, self.trainer.attack.hooks
         self.progress.started(self.config, self.run_dir.path, self.victim, trainer.steps)
         for note in hooks.notes() if self.world.is_main else ():
@@ -87,6 +93,8 @@ class Session:
             with hooks.attribution(), in_contact(), self._wish.listening(), one_torch_thread():
                 with hooks.arguments_unchanged():  # every plugin shows its manners in the first iteration
                     self._hook.run_started(run=trainer)
+                    if teacher is not None:
+                        self._warm_start(teacher)
                     if self._goes_on:
                         self._iteration()
                 states_of(hooks.of(RunPlugin))  # what grows in training can be stored as well
@@ -100,6 +108,13 @@ class Session:
         finally:
             self._close()
         return self._result(status, evaluation)
+
+    def _warm_start(self, teacher: Policy) -> None:
+        warm_start(self.trainer, teacher)
+        self.save()
+        if self.world.is_main:
+            with suppress(Stopped):
+                self.progress.note(beside_teacher(self.trainer, teacher, self._wish.progress))
 
     @property
     def _hook(self) -> Any:

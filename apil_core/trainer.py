@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from apil_core.build import Attack, adversary_policy
+from apil_core.build import Attack, adversary_policy, observing_alone
 from apil_core.distributed.merging import merged
 from apil_core.distributed.replicas import Replicas
 from apil_core.doctor.processor import usable_cpus
@@ -73,15 +73,19 @@ class Trainer:
         """Whether the budget is used up."""
         return self.steps >= self.total_steps
 
-    def iterate(self) -> dict[str, float]:
-        """One iteration; returns its metrics."""
+    def iterate(self, *, actor_fixed: bool = False) -> dict[str, float]:
+        """One iteration; returns its metrics.
+
+        Args:
+            actor_fixed: all learn but the adversary's policy.
+        """
         begin = time.perf_counter()
         self._begun_at = self.steps
         with self.attack.hooks.attribution():
             self._collect()
             collected = time.perf_counter()
             rollout = self.attack.env.finish_rollout()
-            metrics = self._learn(rollout)
+            metrics = self._learn(rollout, actor_fixed)
             self._replicas.agree(self.steps)
         end = time.perf_counter()
         self.iteration += 1
@@ -114,7 +118,7 @@ class Trainer:
                 observations, reward, done, _ = env.step(actions)
                 learner.record(reward, done)
 
-    def _learn(self, rollout: Rollout) -> dict[str, float]:
+    def _learn(self, rollout: Rollout, actor_fixed: bool) -> dict[str, float]:
         hooks, learner = self.attack.hooks, self.attack.learner
         acted = learner.distribution()
         rollout.action_mean, rollout.action_std = acted.mean, acted.std
@@ -129,6 +133,7 @@ class Trainer:
             rollout.advantages,
             as_given=mixed is not None,
             learning_rate=self._learning_rate(),
+            actor_fixed=actor_fixed,
         )
         return self._update(rollout, update)
 
@@ -206,8 +211,9 @@ class Trainer:
         name: str = "",
         sha256: str = "in memory",
         seed: int | None = None,
+        adversary: Policy | None = None,
     ) -> EvaluationResult:
-        """Score the current adversary without touching the training games or their randomness.
+        """Score the adversary (or another) without touching the training games or their randomness.
 
         Methods are rebuilt from their state, so that what they carry from step to step stays apart.
 
@@ -216,6 +222,7 @@ class Trainer:
             progress: told of the games played.
             name, sha256: identity of the adversary, for the result.
             seed: of the games and all draws; default: the run's.
+            adversary: whom to score instead.
         """
         config, side = self.config, self.adversary_side
         seed = config.seed if seed is None else seed
@@ -232,13 +239,18 @@ class Trainer:
             )
             try:
                 victim = run_victim(config, game, self.plugins, seed)
-                state = copy.deepcopy(self._policy_state())
-                adversary = adversary_policy(state, info, config, game.layout, side, self.plugins, seed)
-                pairing = Pairing(config, game, adversary, victim, side, adversary.hooks, self.steps)
+                if adversary is None:
+                    state = copy.deepcopy(self._policy_state())
+                    own = adversary_policy(state, info, config, game.layout, side, self.plugins, seed)
+                    pairing = Pairing(config, game, own, victim, side, own.hooks, self.steps)
+                else:
+                    hooks = observing_alone(config, game.layout, side, self.plugins)
+                    pairing = Pairing(config, game, adversary, victim, side, hooks)
                 result = score(pairing, episodes=episodes, seed=seed, progress=progress)
             finally:
                 game.close()
-        self.hook.evaluation_finished(run=self, result=result.model_dump(mode="json"))
+        if adversary is None:
+            self.hook.evaluation_finished(run=self, result=result.model_dump(mode="json"))
         return result
 
     def _policy_state(self) -> dict[str, Any]:

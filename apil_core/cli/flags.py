@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Group, Parameter
 
 from apil_core.config import RunConfig
-from apil_core.config_layers import preset_names
+from apil_core.config_layers import located, preset_names
 from apil_core.counts import whole_number
 from apil_core.profiles import Profile
 
@@ -84,7 +84,7 @@ class ConfigFlags:
         ),
     ] = None
     device: Annotated[str | None, setting("device")] = None
-    init_from: Annotated[Path | None, setting("init_from")] = None
+    init_from: Annotated[str | None, setting("init_from")] = None
     preset: Annotated[
         list[str],
         _source(f"Ready-made settings: {', '.join(preset_names())}; repeatable.", metavar="NAME"),
@@ -106,7 +106,7 @@ class ConfigFlags:
         flags: dict[str, Any] = {key: getattr(self, key) for key in keys}
         flags["game.physics"] = self.physics
         if self.init_from is not None:
-            flags["init_from"] = str(self.init_from.absolute())
+            flags["init_from"] = located(self.init_from, Path())
         if self.plugin:  # besides what files name, not instead of it
             below = plugin_files(gather(self.config, self.preset, self.set))
             flags["plugins"] = [*below, *(str(path.absolute()) for path in self.plugin)]

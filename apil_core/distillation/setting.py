@@ -100,7 +100,7 @@ def prepare(config: DistillConfig, plugins: PluginRegistry) -> Setting:
         taking = Taking(config.trust)
         teacher = load_victim(config.teacher, game, side, config.device, plugins, taking)
         opponent = load_victim(config.opponent, game, 1 - side, config.device, plugins, taking)
-        log_std, recurrent = _look_at(teacher, game.layout.sides[side], device)
+        log_std, recurrent = spread_of(teacher, game.layout.sides[side], device)
         full = _complete(config, game.layout.max_steps, recurrent).model_copy(
             update={"teacher": teacher.info.name, "opponent": opponent.info.name}  # found from anywhere
         )
@@ -120,7 +120,7 @@ def _game(config: DistillConfig, plugins: PluginRegistry, changed: Mapping[str, 
     )
 
 
-def _look_at(teacher: Policy, seat: SideLayout, device: torch.device) -> tuple[Tensor, bool]:
+def spread_of(teacher: Policy, seat: SideLayout, device: torch.device) -> tuple[Tensor, bool]:
     """The teacher's log-std (a,), and whether it carries state from step to step.
 
     Raises:

@@ -32,6 +32,7 @@ ROOT = Path(__file__).parents[2]
 LONG = ROOT / "docs" / "results" / "long" / "kick-and-defend-e_apil-s0"
 
 ADDED = {
+    "init_steps": 200_000,
     "evaluation.stop_when.win_rate_above": None,
     "evaluation.stop_when.no_gain_in": None,
     "ppo.clip_value": True,

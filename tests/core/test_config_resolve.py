@@ -75,7 +75,7 @@ def test_the_other_side_has_no_default_victim(registry: PluginRegistry) -> None:
 def test_paths_in_a_file_are_relative_to_it(registry: PluginRegistry, tmp_path: Path) -> None:
     file = write(tmp_path / "a.yaml", "init_from: old\nplugins: [p.py]\n")
     config = resolve(file, plugins=registry)
-    assert (config.init_from, config.plugins) == (tmp_path / "old", (str(tmp_path / "p.py"),))
+    assert (config.init_from, config.plugins) == (str(tmp_path / "old"), (str(tmp_path / "p.py"),))
 
 
 def test_a_run_directory_serves_as_file(registry: PluginRegistry, tmp_path: Path) -> None:
@@ -160,7 +160,7 @@ def test_stored_yaml_explains_its_keys(registry: PluginRegistry) -> None:
     lines = dump_yaml(resolve(plugins=registry), registry).splitlines()
     for key, comment in {
         "  epochs: 4": "  # Passes over each rollout.",
-        "init_from: null": "# Run directory whose final adversary the training starts from.",
+        "init_from: null": "# Run directory whose final adversary training goes on from, or policy (zoo:…, run:…) to clone first.",
         "    observes: victim": "    # Whose observation the imitator and D read.",
         "  margin: 0.5": "  # How much larger a sum must be to win.",
     }.items():

@@ -1,0 +1,178 @@
+"""Starting from any policy: the adversary's own network is cloned from it, then its critic is fitted.
+
+Like DAgger (Ross et al. 2011): mostly the clone plays, and the teacher says what it would have done. The
+network is the run's own, so that all else stays as it is: exact resume, export, methods' added inputs.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor, nn
+
+from apil_core.distillation.setting import spread_of
+from apil_core.errors import ConfigError
+from apil_core.evaluation import EvaluationResult
+from apil_core.policy import Policy
+from apil_core.progress import Progress
+from apil_core.seats import Taking, load_victim
+from apil_core.seeds import stream_generator, stream_seed
+from apil_core.types import OWN_GROUP, View
+
+if TYPE_CHECKING:
+    from apil_core.trainer import Trainer
+
+CLONING_SHARE = 0.6
+"""Of the steps; in the others the critic is fitted to the clone, which plays as in training."""
+
+_PASSES = 3
+"""Over each rollout, and over as many earlier ones."""
+_FINAL_PASSES = 30
+_MINIBATCH = 512
+_LEARNING_RATE = 3e-3
+"""Adam's; the zoo's networks have large weights, which small steps do not reach."""
+
+
+def load_teacher(trainer: Trainer, name: str) -> Policy:
+    """The policy to clone, checked.
+
+    Raises:
+        ConfigError: its sizes are not the adversary's, or there are not enough steps for it.
+        VictimError: it cannot be loaded, or has no action distribution of constant spread.
+    """
+    config, side = trainer.config, trainer.adversary_side
+    if config.init_steps >= config.steps:
+        raise ConfigError(
+            f"init_from: cloning {name} takes init_steps ({config.init_steps:,}) of the run's steps "
+            f"({config.steps:,}), which leaves none; set init_steps or steps"
+        )
+    taking = Taking(config.trust, stream_seed(config.seed, "warm start"))
+    teacher = load_victim(name, trainer.attack.game, side, config.device, trainer.plugins, taking)
+    spread_of(teacher, trainer.layout.sides[side], trainer.device)
+    return teacher
+
+
+def warm_start(trainer: Trainer, teacher: Policy) -> None:
+    """Make the adversary act as its teacher, and its critic value that, in ``init_steps`` of the budget.
+
+    Args:
+        trainer: of a run that has not begun.
+        teacher: as :func:`load_teacher` gave it.
+    """
+    steps, begin = trainer.config.init_steps, time.perf_counter()
+    cloning = _Cloning(trainer, teacher)
+    while trainer.steps < CLONING_SHARE * steps:
+        cloning.round()
+    cloning.finish()
+    trainer.start_equal()
+    while trainer.steps < steps:
+        trainer.iterate(actor_fixed=True)
+    trainer.iteration, trainer.wall_seconds = 0, time.perf_counter() - begin
+
+
+def beside_teacher(trainer: Trainer, teacher: Policy, progress: Progress) -> str:
+    """How the clone scores and how its teacher does, in the same games, in one line."""
+    episodes = trainer.config.evaluation.periodic_episodes
+    seed = stream_seed(trainer.config.seed, "evaluation during training")
+    clone = trainer.evaluate(episodes, progress, seed=seed)
+    own = trainer.evaluate(episodes, progress, seed=seed, adversary=teacher)
+    return (
+        f"warm start: after {trainer.steps:,} steps the clone wins {_wins(clone)} of {episodes} games, "
+        f"{teacher.info.name} itself {_wins(own)}"
+    )
+
+
+def _wins(result: EvaluationResult) -> str:
+    rate = result.win_rate
+    return f"{rate.value:.1%} [{rate.low:.1%}, {rate.high:.1%}]"
+
+
+@dataclass
+class _Block:
+    """A rollout: the adversary's raw observations (T·n, o) and the teacher's means in units of σ (T·n, a)."""
+
+    observation: Tensor
+    label: Tensor
+
+
+class _Cloning:
+    """Games, what was seen in them, and the network that learns from it."""
+
+    def __init__(self, trainer: Trainer, teacher: Policy):
+        self.trainer = trainer
+        self.teacher = teacher
+        attack = trainer.attack
+        self.env, self.actor = attack.env, attack.learner.actor
+        log_std, _ = spread_of(teacher, trainer.layout.sides[trainer.adversary_side], trainer.device)
+        self.std = log_std.exp()
+        with torch.no_grad():
+            self.actor.model.distribution.log_std_param.copy_(log_std)
+            self.actor.model.mlp[0].weight[:, self._added()] = 0.0
+        self.optimizer = torch.optim.Adam(self.actor.model.mlp.parameters(), _LEARNING_RATE)
+        self.draws = stream_generator(trainer.config.seed, "warm start draws", trainer.device)
+        self.order = stream_generator(trainer.config.seed, "warm start order", torch.device("cpu"))
+        self.blocks: list[_Block] = []
+
+    def _added(self) -> Tensor:
+        """Which inputs of the network are not the adversary's own observation, (k,) bool."""
+        sizes = self.actor.groups
+        return torch.cat([torch.full((size,), name != OWN_GROUP) for name, size in sizes.items()])
+
+    def round(self) -> None:
+        """Play a rollout and train on it and on earlier ones."""
+        block = self._play()
+        earlier = self.blocks[:]
+        self.blocks.append(block)
+        for _ in range(_PASSES):
+            chosen = [block]
+            if earlier:
+                chosen.append(earlier[int(torch.randint(len(earlier), (), generator=self.order))])
+            self._train(chosen)
+
+    def finish(self) -> None:
+        """Train on all rollouts, with a step size that falls to zero."""
+        for i in range(_FINAL_PASSES):
+            for group in self.optimizer.param_groups:
+                group["lr"] = _LEARNING_RATE * (1 - i / _FINAL_PASSES)
+            self._train(self.blocks)
+
+    @torch.inference_mode()
+    def _play(self) -> _Block:
+        env, n = self.env, self.env.num_envs
+        row = torch.arange(n, device=env.device)
+        # every fourth game is the teacher's, so that the states it reaches are seen; the first rollout all
+        clones = (row % 4 != 3 if self.blocks else torch.zeros_like(row, dtype=torch.bool)).unsqueeze(1)
+        observations, labels = [], []
+        for _ in range(self.trainer.config.ppo.num_steps):
+            inputs, pending = env.get_observations(), env.pending
+            view = View(pending.own, pending.opponent, pending.first, opponent_action=pending.victim.action)
+            answer = self.teacher.act(view, sample=False).distribution
+            assert answer is not None, "looked at before"
+            mean = torch.where(clones, self.actor(inputs).mean, answer.mean)
+            noise = torch.randn(mean.shape, generator=self.draws, device=env.device)
+            observations.append(pending.own.clone())
+            labels.append(answer.mean / self.std)
+            env.step(mean + self.std * noise)
+        env.finish_rollout()
+        with torch.inference_mode(False):
+            return _Block(torch.cat(observations).clone(), torch.cat(labels).clone())
+
+    def _train(self, blocks: Sequence[_Block]) -> None:
+        """One pass: KL(teacher ‖ clone) in nats, which is half the squared error in units of σ."""
+        mlp = self.actor.model.mlp
+        normalizer = self.trainer.attack.builder.normalizers[OWN_GROUP]
+        added = self._added()
+        for block in blocks:
+            with torch.no_grad():
+                inputs = torch.zeros(len(block.label), len(added), device=block.label.device)
+                inputs[:, ~added] = normalizer(block.observation)
+            for rows in torch.randperm(len(inputs), generator=self.order).split(_MINIBATCH):
+                error = mlp(inputs[rows]) / self.std - block.label[rows]
+                self.optimizer.zero_grad()
+                error.square().sum(-1).mean().mul(0.5).backward()
+                nn.utils.clip_grad_norm_(mlp.parameters(), 10.0)
+                self.optimizer.step()
