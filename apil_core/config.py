@@ -181,7 +181,7 @@ class RunConfig(Section):
     plugins: tuple[str, ...] = ()
     """One-file plugins (paths) to load before anything else."""
     init_from: Annotated[str, BeforeValidator(lambda value: str(value))] | None = None
-    """Run directory whose final adversary training goes on from, or policy (zoo:…, run:…) to clone first."""
+    """Run directory to start from, or policy (zoo:…, run:…) to clone first."""
     init_steps: Annotated[int, Field(gt=0)] = 200_000
     """Environment steps of the budget in which a policy named by init_from is cloned and its value learnt."""
 
