@@ -167,7 +167,8 @@ def build(
     )
     with hooks.attribution():
         example = env.get_observations()
-    actor = Actor(builder.sizes, game.layout.sides[1 - attacked].action_size, config.ppo)
+    seat = game.layout.sides[1 - attacked]
+    actor = Actor(builder.sizes, seat.action_size, config.ppo, seat.action_limit)
     learner = Learner(actor, example, config.ppo, device, world, game.layout.max_steps)
     if not world.is_main:  # the networks are made: from here on, draws of its own
         torch.manual_seed(seed)
@@ -228,7 +229,8 @@ def adversary_policy(
     sizes: dict[str, int] = state["groups"]
     builder.add_normalizers(sizes, device)
     builder.load_state_dict(state["builder"])
-    actor = Actor(sizes, layout.sides[side].action_size, config.ppo).to(device)
+    seat = layout.sides[side]
+    actor = Actor(sizes, seat.action_size, config.ppo, seat.action_limit).to(device)
     actor.model.load_state_dict(state["learner"]["ppo"]["actor_state_dict"])
     context = evaluation_context(layout, side, seed, device)
     return AdversaryPolicy(info, builder, actor, context, hooks)

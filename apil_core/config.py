@@ -83,8 +83,10 @@ class PPOConfig(Section):
     """Gradient clip, for actor and critic separately."""
     hidden: tuple[int, ...] = (64, 64)
     """Hidden tanh layers of actor and critic."""
+    action_unit: Literal["game", "limit"] = "game"
+    """Unit of the policy's mean and spread: the game's own, or a motor's limit (0.4 in humanoids)."""
     init_std: Annotated[float, Field(gt=0)] = 1.0
-    """Standard deviation of the untrained policy's actions."""
+    """Standard deviation of the untrained policy's actions, in that unit."""
     noise: Literal["white", "ar1", "coloured"] = "white"
     """Exploration: each step's draw by itself, or correlated over a game; evaluations draw white."""
     noise_correlation: Annotated[float, Field(ge=0, lt=1)] = 0.8

@@ -46,6 +46,11 @@ class SideLayout:
     blocks: dict[str, slice] = field(default_factory=dict)
     opponent_channels: tuple[int, ...] = ()
 
+    @property
+    def action_limit(self) -> float:
+        """The largest action of a component, to either side."""
+        return max(abs(self.action_low), abs(self.action_high))
+
 
 @dataclass(frozen=True)
 class GameLayout:

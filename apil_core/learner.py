@@ -41,14 +41,19 @@ class Actor(nn.Module):
     Args:
         groups: sizes of the observation groups, in the order they are concatenated.
         action_size: of the adversary.
-        config: hidden sizes and initial spread.
+        config: hidden sizes, initial spread and unit of actions.
+        limit: of the adversary's motors.
     """
 
-    def __init__(self, groups: Mapping[str, int], action_size: int, config: PPOConfig):
+    def __init__(self, groups: Mapping[str, int], action_size: int, config: PPOConfig, limit: float = 1.0):
         super().__init__()
         self.groups = dict(groups)
         example = TensorDict({name: torch.zeros(1, size) for name, size in groups.items()}, batch_size=[1])
-        self.model = _model(example, action_size, config, stochastic=True)
+        self.unit = limit if config.action_unit == "limit" else 1.0
+        self.model = _model(example, action_size, config, self.unit)
+        self._depth = len(config.hidden)
+        if config.action_unit == "limit":
+            self.model.mlp.append(_Times(self.unit))
 
     def forward(self, observations: TensorDict) -> DiagonalGaussian:
         """Distribution of the action, (n, a)."""
@@ -63,16 +68,31 @@ class Actor(nn.Module):
     def hidden(self, observations: TensorDict) -> Tensor:
         """Last hidden layer, (n, h)."""
         latent = self.model.get_latent(observations)
-        for layer in list(self.model.mlp)[:-1]:
+        for layer in list(self.model.mlp)[: 2 * self._depth]:
             latent = layer(latent)
         return latent
 
 
-def _model(example: TensorDict, output_size: int, config: PPOConfig, *, stochastic: bool) -> LatentModel:
+class _Times(nn.Module):
+    """Multiplies by a constant."""
+
+    def __init__(self, factor: float):
+        super().__init__()
+        self.factor = factor
+
+    def forward(self, value: Tensor) -> Tensor:
+        return value * self.factor
+
+
+def _model(
+    example: TensorDict, output_size: int, config: PPOConfig, unit: float | None = None
+) -> LatentModel:
+    """An actor's network, if ``unit`` says of what its spread is a multiple, or a critic's."""
+    stochastic = unit is not None
     names = list(example.keys())
     distribution = {
         "class_name": "rsl_rl.modules.distribution:GaussianDistribution",
-        "init_std": config.init_std,
+        "init_std": config.init_std * (unit or 1.0),
         "std_type": "log",
     }
     model = LatentModel(
@@ -120,7 +140,7 @@ class Learner:
         self.storage = PPOStorage(example, config.num_steps, action_size, device)
         self.ppo = PPO(
             actor.model,
-            _model(example, 1, config, stochastic=False),
+            _model(example, 1, config),
             self.storage,
             num_learning_epochs=config.epochs,
             num_mini_batches=config.minibatches,
@@ -272,7 +292,7 @@ class Learner:
 
     def _stream_critic(self, name: str) -> StreamCritic:
         if name not in self.critics:
-            model = _model(self._example, 1, self.config, stochastic=False).to(self.device)
+            model = _model(self._example, 1, self.config).to(self.device)
             self.critics[name] = StreamCritic(model, self.config, self.world)
         return self.critics[name]
 

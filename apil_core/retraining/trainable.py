@@ -131,6 +131,8 @@ def _of_adversary(policy: AdversaryPolicy) -> Trainable:
         "log_std": policy.actor.std.log(),
         **_linears({f"mlp.{i}": layer for i, layer in enumerate(linears)}),
     }
+    for name in ("weight", "bias"):
+        weights[f"mlp.{len(hidden)}.{name}"] = weights[f"mlp.{len(hidden)}.{name}"] * policy.actor.unit
     shape = StudentShape("mlp", info.observation_size, info.action_size, 0, hidden, normalizer.clip)
     return Trainable(shape, _plain(weights))
 

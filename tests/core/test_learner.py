@@ -49,6 +49,18 @@ def test_settings_that_differ_from_rsl_rls_defaults():
     assert learner.actor.model.obs_groups == ["own", "extra"]
 
 
+def test_actions_in_units_of_a_motors_limit():
+    torch.manual_seed(0)
+    game, limit = (small_config(ppo={"action_unit": unit, "init_std": 0.5}).ppo for unit in ("game", "limit"))
+    plain, scaled = Actor({"own": 3}, 2, game, 0.4), Actor({"own": 3}, 2, limit, 0.4)
+    scaled.model.mlp.load_state_dict(plain.model.mlp.state_dict())
+    observations = TensorDict({"own": torch.randn(8, 3)}, batch_size=[8])
+    torch.testing.assert_close(scaled(observations).mean, 0.4 * plain(observations).mean)
+    torch.testing.assert_close(plain.std, torch.full((2,), 0.5))
+    torch.testing.assert_close(scaled.std, torch.full((2,), 0.2))
+    torch.testing.assert_close(scaled.hidden(observations), plain.hidden(observations))
+
+
 def test_our_distribution_is_rsl_rls():
     learner, example = small_learner()
     actions = learner.act(example)
@@ -65,9 +77,9 @@ def test_a_rollout_tells_what_the_adversarys_actions_were_drawn_from():
     trainer, seen = Trainer(attack, default_plugins()), []
     learn = trainer._learn
 
-    def spy(rollout):
+    def spy(rollout, actor_fixed):
         before = attack.learner.actor.std.detach().clone()
-        metrics = learn(rollout)
+        metrics = learn(rollout, actor_fixed)
         seen.append((rollout, before))
         return metrics
 
