@@ -15,7 +15,7 @@ from apil_core.normalize import ObservationNormalizer
 from apil_core.policy import Policy, PolicyInfo
 from apil_core.run_hooks import RunHookManager, shown
 from apil_core.seeds import stream_seed
-from apil_core.types import OWN_GROUP, Context, Decision, View
+from apil_core.types import OWN_GROUP, PRIVILEGED_GROUP, Context, Decision, View
 
 HOOK_STREAM = "evaluation hooks"
 """Random stream of stochastic hooks where there is no run."""
@@ -66,7 +66,7 @@ class ObservationBuilder(nn.Module):
         answers = self._hooks.hook.extend_observation(context=context, view=view)
         groups = {OWN_GROUP: view.own}
         for name, value in self._hooks.merged(answers, "extend_observation").items():
-            if name == OWN_GROUP:
+            if name in (OWN_GROUP, PRIVILEGED_GROUP):
                 raise self._complaint(f"the name {name!r} is taken; choose another")
             groups[name] = value
         return groups

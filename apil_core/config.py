@@ -87,6 +87,8 @@ class PPOConfig(Section):
     """Unit of the policy's mean and spread: the game's own, or a motor's limit (0.4 in humanoids)."""
     init_std: Annotated[float, Field(gt=0)] = 1.0
     """Standard deviation of the untrained policy's actions, in that unit."""
+    critic_observes: Literal["own", "both"] = "own"
+    """What critics are given: the adversary's observation, or also the victim's and the time left."""
     noise: Literal["white", "ar1", "coloured"] = "white"
     """Exploration: each step's draw by itself, or correlated over a game; evaluations draw white."""
     noise_correlation: Annotated[float, Field(ge=0, lt=1)] = 0.8

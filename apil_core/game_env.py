@@ -21,14 +21,22 @@ from apil_core.errors import PluginError
 from apil_core.finite import all_finite
 from apil_core.game import Game, GameStep
 from apil_core.method import Run
-from apil_core.normalize import ReturnNormalizer
+from apil_core.normalize import ObservationNormalizer, ReturnNormalizer
 from apil_core.observation_filter import ObservationFilter
 from apil_core.policy import Policy
 from apil_core.rewards import annealing, training_reward
 from apil_core.rollout_buffer import RolloutBuffer
 from apil_core.run_hooks import RunHookManager
 from apil_core.specs import RewardWeights
-from apil_core.types import Context, Decision, DiagonalGaussian, Rollout, StepBatch, View
+from apil_core.types import (
+    PRIVILEGED_GROUP,
+    Context,
+    Decision,
+    DiagonalGaussian,
+    Rollout,
+    StepBatch,
+    View,
+)
 
 _OWN_TERMS = {"adversary", "victim", "uneven_share"}
 """Names under ``reward/`` in the metrics that are not a plugin's."""
@@ -98,6 +106,11 @@ class AttackEnv:
             name: ReturnNormalizer(self.num_envs, gamma).to(self.device)
             for name in ("shaped", "adversary", "victim")
         }
+        self.privileged: ObservationNormalizer | None = None
+        """Of the victim's observation, for critics that are given it."""
+        if learning and config.ppo.critic_observes == "both":
+            width, clip = game.layout.sides[1 - adversary_side].observation_size, config.ppo.observation_clip
+            self.privileged = ObservationNormalizer(width, clip).to(self.device)
         self.contexts = {
             "adversary": self._context("adversary", adversary_side, generators["method"]),
             "victim": self._context("victim", 1 - adversary_side, generators["victim"]),
@@ -163,6 +176,11 @@ class AttackEnv:
         view = View(own=own, opponent=opponent, first=first, opponent_action=victim.action)
         groups = self.builder.groups(self.contexts["adversary"], view)
         observations = self.builder.normalize(groups, update=self.learning)
+        if self.privileged is not None:
+            self.privileged.update(opponent)
+            left = 1 - 2 * self.episode_length_buf / self.max_episode_length
+            seen = torch.cat((self.privileged(opponent), left.unsqueeze(-1)), dim=-1)
+            observations[PRIVILEGED_GROUP] = seen
         self._pending = Pending(own, opponent, first, victim, groups, observations)
 
     def _side(self, side: int) -> Tensor:
@@ -231,6 +249,7 @@ class AttackEnv:
             "lengths": self.episode_length_buf.clone(),
             "stats": self.stats.state_dict(),
             "normalizers": {name: module.state_dict() for name, module in self.normalizers.items()},
+            "privileged": None if self.privileged is None else self.privileged.state_dict(),
             "pending": {
                 "own": pending.own.clone(),
                 "opponent": pending.opponent.clone(),
@@ -252,6 +271,8 @@ class AttackEnv:
         self.stats.load_state_dict(state["stats"])
         for name, module in self.normalizers.items():
             module.load_state_dict(state["normalizers"][name])
+        if self.privileged is not None:
+            self.privileged.load_state_dict(state["privileged"])
         saved = _to_device(state["pending"], self.device)
         distribution = None if saved["mean"] is None else DiagonalGaussian(saved["mean"], saved["std"])
         self._pending = Pending(

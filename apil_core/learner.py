@@ -39,7 +39,7 @@ class Actor(nn.Module):
     """The adversary's policy network on normalised observation groups; what is exported after training.
 
     Args:
-        groups: sizes of the observation groups, in the order they are concatenated.
+        groups: sizes of its observation groups, in the order they are concatenated.
         action_size: of the adversary.
         config: hidden sizes, initial spread and unit of actions.
         limit: of the adversary's motors.

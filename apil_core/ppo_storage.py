@@ -10,6 +10,8 @@ from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 from torch import Tensor
 
+from apil_core.types import PRIVILEGED_GROUP
+
 LATENT = "latent"
 """Name under which the storage keeps all observation groups side by side."""
 
@@ -24,8 +26,10 @@ class LatentModel(MLPModel):
         """The network's input, (..., k)."""
         # a method may call a group of its own "latent": what is joined has no first group
         if self.obs_groups[0] not in obs.keys():  # noqa: SIM118  (a TensorDict refuses `in`)
-            return obs[LATENT]
-        return torch.cat([obs[group] for group in self.obs_groups], dim=-1)
+            groups = [LATENT, *(name for name in self.obs_groups if name == PRIVILEGED_GROUP)]
+        else:
+            groups = self.obs_groups
+        return torch.cat([obs[name] for name in groups], dim=-1) if len(groups) > 1 else obs[groups[0]]
 
 
 class PPOStorage(RolloutStorage):
@@ -37,7 +41,7 @@ class PPOStorage(RolloutStorage):
         passes: of the last update.
 
     Args:
-        example: normalised observation groups of all games, batch (n,).
+        example: normalised observation groups of all games, batch (n,); the critics' own may be among them.
         num_steps: T.
         action_size: a.
         device: of the tensors.
@@ -46,15 +50,20 @@ class PPOStorage(RolloutStorage):
     def __init__(self, example: TensorDict, num_steps: int, action_size: int, device: torch.device):
         joined = torch.cat(_groups(example), dim=-1)
         observations = TensorDict({LATENT: joined}, batch_size=example.batch_size, device=device)
+        if PRIVILEGED_GROUP in example.keys():  # noqa: SIM118
+            observations[PRIVILEGED_GROUP] = example[PRIVILEGED_GROUP]
         super().__init__("rl", len(joined), num_steps, observations, [action_size], device=str(device))
         self.means = torch.zeros_like(self.actions)
         self.goes_on: Callable[[], bool] = lambda: True
         self.passes = 0
         self._latents: Tensor = self.observations[LATENT]
+        self._privileged: Tensor | None = self.observations.get(PRIVILEGED_GROUP)
 
     def next_latent(self, observations: TensorDict) -> Tensor:
-        """Store the groups of the step that begins; returns them side by side, (n, k)."""
+        """Store the groups of the step that begins; returns the actor's side by side, (n, k)."""
         latent = self._latents[self.step]
+        if self._privileged is not None:
+            self._privileged[self.step].copy_(observations[PRIVILEGED_GROUP])
         torch.cat(_groups(observations), dim=-1, out=latent)
         return latent
 
@@ -102,4 +111,5 @@ class PPOStorage(RolloutStorage):
 
 
 def _groups(observations: TensorDict) -> list[Tensor]:
-    return [observations[name] for name in observations.keys()]  # noqa: SIM118  (iterating goes over games)
+    """What the actor is given; iterating over a TensorDict itself goes over games."""
+    return [observations[name] for name in observations.keys() if name != PRIVILEGED_GROUP]  # noqa: SIM118

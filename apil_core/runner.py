@@ -32,6 +32,9 @@ from apil_core.specs import load
 from apil_core.trainer import Trainer
 from apil_core.warm_start import load_teacher
 
+_SHAPE = ("hidden", "action_unit", "critic_observes")
+"""Settings of PPO that decide what networks look like and mean."""
+
 
 def run(
     config: RunConfig,
@@ -204,12 +207,18 @@ def _initialise(trainer: Trainer, source: Path) -> None:
         raise ConfigError(f"init_from: {source} was trained on {theirs.env}, not {trainer.config.env}")
     path = directory.newest_checkpoint()
     state = checkpoint.read(path)
-    mine = trainer.attack.builder.sizes
-    if state["groups"] != mine or theirs.ppo.hidden != trainer.config.ppo.hidden:
-        raise ConfigError(
-            f"init_from: {source} has observation groups {state['groups']} and hidden layers "
-            f"{theirs.ppo.hidden}, this run {mine} and {trainer.config.ppo.hidden}; "
-            f"to clone its adversary: --init-from run:{source}"
+    shapes = [
+        {"observation groups": groups} | {key: getattr(ppo, key) for key in _SHAPE}
+        for groups, ppo in (
+            (state["groups"], theirs.ppo),
+            (trainer.attack.builder.sizes, trainer.config.ppo),
         )
+    ]
+    for key, there in shapes[0].items():
+        if there != (here := shapes[1][key]):
+            raise ConfigError(
+                f"init_from: {source} has {key} {there}, this run {here}; "
+                f"to clone its adversary: --init-from run:{source}"
+            )
     with fitting(path):
         trainer.start_from(state)

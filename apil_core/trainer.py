@@ -59,7 +59,8 @@ class Trainer:
         self._beside_ppo = False
         self.side_games = SideGames(attack, plugins)
         self.world = attack.world
-        statistics = [attack.builder.normalizers, *attack.env.normalizers.values()]
+        own = [] if attack.env.privileged is None else [attack.env.privileged]
+        statistics = [attack.builder.normalizers, *attack.env.normalizers.values(), *own]
         self._replicas = Replicas(attack.world, attack.hooks.of(RunPlugin), statistics)
         attack.env.run = self
 
@@ -312,6 +313,9 @@ class Trainer:
                 key.removeprefix("moments."): v for key, v in saved.items() if key.startswith("moments.")
             }
             module.moments.load_state_dict(moments)
+        privileged = state["env"].get("privileged")
+        if attack.env.privileged is not None and privileged is not None:
+            attack.env.privileged.load_state_dict(privileged)
         attack.env.restart()
         load_known_states(attack.methods, state["methods"])
         load_known_states(attack.hooks.of(Observer), state.get("observers", {}))

@@ -21,6 +21,9 @@ Role = Literal["adversary", "victim", "imitator"]
 OWN_GROUP = "own"
 """Name of the adversary's own observation among the observation groups."""
 
+PRIVILEGED_GROUP = "privileged"
+"""Name of the group that only critics are given: they are not needed once the adversary plays."""
+
 
 @dataclass
 class DiagonalGaussian:

@@ -36,6 +36,7 @@ ADDED = {
     "evaluation.stop_when.win_rate_above": None,
     "evaluation.stop_when.no_gain_in": None,
     "ppo.action_unit": "game",
+    "ppo.critic_observes": "own",
     "ppo.clip_value": True,
     "ppo.max_kl": None,
     "ppo.noise": "white",

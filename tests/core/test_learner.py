@@ -11,15 +11,17 @@ import torch
 from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
 
+from apil_core import checkpoint
 from apil_core.build import build
 from apil_core.game_env import AttackEnv
 from apil_core.learner import Actor, Learner
 from apil_core.ppo_storage import LATENT, PPOStorage
+from apil_core.progress import Progress
 from apil_core.registry import default_plugins
 from apil_core.trainer import Trainer
-from apil_core.types import DiagonalGaussian
+from apil_core.types import PRIVILEGED_GROUP, DiagonalGaussian
 from core.every_game import GAME_NAMES
-from core.small_runs import small_config
+from core.small_runs import differences, small_config
 
 
 def small_learner(**ppo):
@@ -249,3 +251,34 @@ def test_rsl_rls_own_runner_plays_every_game(tmp_path, game, side):
     assert attack.env.num_actions == seat.action_size
     assert (attack.env.episode_length_buf <= 10).all()
     assert all(torch.isfinite(p).all() for p in runner.alg.actor.parameters())
+
+
+def test_critics_can_be_given_what_the_victim_sees_and_the_time_left(tmp_path):
+    plugins = default_plugins()
+    two = {"apl": {"advantage_difference": True}}
+    config = small_config("apl", num_envs=4, ppo={"num_steps": 8, "critic_observes": "both"}, options=two)
+    trainer = Trainer(build(config, plugins), plugins)
+    attack = trainer.attack
+    for _ in range(3):
+        trainer.iterate()
+    theirs = attack.game.layout.sides[1 - trainer.adversary_side].observation_size
+    seen = attack.env.get_observations()[PRIVILEGED_GROUP]
+    left = 1 - 2 * attack.env.episode_length_buf / attack.game.layout.max_steps
+    torch.testing.assert_close(seen[:, -1], left)
+    torch.testing.assert_close(seen[:, :-1], attack.env.privileged(attack.env.pending.opponent))
+    width = sum(attack.builder.sizes.values())
+    assert attack.actor.model.mlp[0].in_features == width
+    critics = [attack.learner.ppo.critic, *(critic.model for critic in attack.learner.critics.values())]
+    assert {critic.mlp[0].in_features for critic in critics} == {width + theirs + 1}
+    assert len(critics) == 2
+    weight = attack.learner.ppo.critic.mlp[0].weight
+    assert weight.grad[:, width:].abs().max() > 0
+    # evaluation needs nothing of it, and a restored trainer goes on to the bit
+    trainer.evaluate(4, Progress())
+    again = Trainer(build(config, plugins), plugins)
+    checkpoint.save(tmp_path / "c.pt", trainer.state_dict())
+    again.load_state_dict(checkpoint.read(tmp_path / "c.pt"))
+    for each in (trainer, again):
+        each.iterate()
+    ends = [{k: v for k, v in t.state_dict().items() if k != "wall_seconds"} for t in (trainer, again)]
+    assert differences(*ends) == []
