@@ -275,12 +275,12 @@ def test_critics_can_be_given_what_the_victim_sees_and_the_time_left(tmp_path):
     assert weight.grad[:, width:].abs().max() > 0
     # evaluation needs nothing of it, and a restored trainer goes on to the bit
     trainer.evaluate(4, Progress())
+    checkpoint.save(tmp_path / "middle.pt", trainer.state_dict())
     again = Trainer(build(config, plugins), plugins)
-    checkpoint.save(tmp_path / "c.pt", trainer.state_dict())
-    again.load_state_dict(checkpoint.read(tmp_path / "c.pt"))
     ends = []
     for each in (trainer, again):
+        each.load_state_dict(checkpoint.read(tmp_path / "middle.pt"))
         each.iterate()
-        checkpoint.save(tmp_path / "c.pt", each.state_dict())
-        ends.append(checkpoint.read(tmp_path / "c.pt"))
+        checkpoint.save(tmp_path / "end.pt", each.state_dict())
+        ends.append(checkpoint.read(tmp_path / "end.pt"))
     assert differences(*ends) == []
