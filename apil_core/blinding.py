@@ -1,4 +1,8 @@
-"""Hiding the opponent from an adversary (docs/methods.md §4): how much of its score rests on seeing it?"""
+"""Hiding the opponent from the adversary, or from the victim (docs/methods.md §4).
+
+How much of a score rests on the adversary seeing its opponent? And how much on the victim seeing the
+adversary: what is won through the victim's eyes is what makes an attack adversarial (Gleave et al. 2020, §5).
+"""
 
 from __future__ import annotations
 
@@ -26,7 +30,7 @@ _SEED, _STREAM = 0, "blinding starts"
 
 @dataclass(frozen=True)
 class Blinding:
-    """What an adversary sees in place of its opponent: the same in every game and step.
+    """What a player sees in place of its opponent: the same in every game and step.
 
     Attributes:
         hidden: (o,) bool, the columns of its own observation that are replaced.
@@ -66,19 +70,20 @@ def check_blinding(mode: str | None, *, imitator: bool) -> None:
         raise UnknownNameError("blinding", str(mode), get_args(BlindMode))
 
 
-def make_blinding(pairing: Pairing, mode: BlindMode, *, imitator: bool = False) -> Blinding:
-    """Blind the adversary of a pairing. Plays no game, but reseeds and resets it.
+def make_blinding(pairing: Pairing, mode: BlindMode, side: int, *, imitator: bool = False) -> Blinding:
+    """Blind one side of a pairing. Plays no game, but reseeds and resets it.
 
     Args:
         pairing: its game names the channels about the opponent.
         mode: ``"zeros"``, or ``"initial"``: their mean over many starting states. (A game's own start
             would tell for all of the game where the opponent stood.)
+        side: who is blinded.
         imitator: hide the opponent's observation and action too, which methods may read besides.
 
     Raises:
         ConfigError: the game names no such channels.
     """
-    layout = pairing.game.layout.sides[pairing.side]
+    layout = pairing.game.layout.sides[side]
     channels = layout.opponent_channels
     if not channels:
         raise ConfigError(
@@ -92,7 +97,7 @@ def make_blinding(pairing: Pairing, mode: BlindMode, *, imitator: bool = False) 
         typical = typical_start(pairing)
     else:
         typical = [torch.zeros(size, device=pairing.device) for size in sizes]
-    return Blinding(hidden, typical[pairing.side], typical[1 - pairing.side] if imitator else None)
+    return Blinding(hidden, typical[side], typical[1 - side] if imitator else None)
 
 
 @torch.inference_mode()

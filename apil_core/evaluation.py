@@ -43,6 +43,7 @@ class EvaluationResult(Circumstances):
     mean_length: float
     blind: BlindMode | None = None
     blind_imitator: bool = False
+    blind_victim: BlindMode | None = None
     wall_seconds: float
 
 
@@ -62,6 +63,7 @@ def score(
     seed: int,
     blind: BlindMode | None = None,
     blind_imitator: bool = False,
+    blind_victim: BlindMode | None = None,
     progress: Progress | None = None,
 ) -> EvaluationResult:
     """Play ``episodes`` games and summarise them.
@@ -72,14 +74,17 @@ def score(
         pairing: who plays what; the game's generator is reseeded.
         episodes: number of games.
         seed: of the games and all draws.
-        blind, blind_imitator: see :func:`apil_core.blinding.make_blinding`.
+        blind, blind_imitator, blind_victim: see :func:`apil_core.evaluate`.
         progress: told of the games played.
     """
     begin = time.perf_counter()
     progress = progress or Progress()
     players = pairing.players(seed)
+    side = pairing.side
     if blind is not None:
-        players.blinding = make_blinding(pairing, blind, imitator=blind_imitator)
+        players.blinding[side] = make_blinding(pairing, blind, side, imitator=blind_imitator)
+    if blind_victim is not None:
+        players.blinding[1 - side] = make_blinding(pairing, blind_victim, 1 - side)
     pairing.game.seed(stream_seed(seed, "evaluation games"))
     tally = play(pairing.game, players, episodes, lambda ended: progress.evaluation_progress(ended, episodes))
     return EvaluationResult(
@@ -87,6 +92,7 @@ def score(
         **circumstances(pairing, seed),
         blind=blind,
         blind_imitator=blind_imitator,
+        blind_victim=blind_victim,
         wall_seconds=time.perf_counter() - begin,
     )
 

@@ -21,6 +21,7 @@ def evaluate(
     num_envs: int | None = None,
     blind: BlindMode | None = None,
     blind_imitator: bool = False,
+    blind_victim: BlindMode | None = None,
     progress: Progress | None = None,
     **options: Unpack[PairingOptions],
 ) -> EvaluationResult:
@@ -34,6 +35,8 @@ def evaluate(
         blind: hide the opponent from the adversary: ``"zeros"``, or ``"initial"``, the mean of
             many starting states.
         blind_imitator: hide the opponent's observation and action from its methods too.
+        blind_victim: hide the adversary from the victim, likewise: what then is still won was not won by
+            what the victim saw of its adversary.
         progress: told of the games played.
         options: ``env``, ``victim``, ``victim_actions``, ``game_options`` and the like: see
             :func:`apil_core.pairing.load_pairing`.
@@ -44,6 +47,7 @@ def evaluate(
     if episodes < 1:
         raise ConfigError(f"episodes must be at least 1, got {episodes}")
     check_blinding(blind, imitator=blind_imitator)
+    check_blinding(blind_victim, imitator=False)
     games = min(episodes, MAX_PARALLEL_GAMES) if num_envs is None else num_envs
     with (
         load_pairing(adversary, num_envs=games, seed=seed, **options) as pairing,
@@ -56,5 +60,6 @@ def evaluate(
             seed=seed,
             blind=blind,
             blind_imitator=blind_imitator,
+            blind_victim=blind_victim,
             progress=progress,
         )

@@ -40,14 +40,14 @@ class Players:
         adversary_side: who acts second.
         device: of the policies.
         observation_filter: applied to both sides' observations.
-        blinding: applied to the adversary's view after that.
+        blinding: by side, applied to its view after that.
     """
 
     seats: tuple[Seat, Seat]
     adversary_side: int
     device: torch.device
     observation_filter: ObservationFilter | None = None
-    blinding: Blinding | None = None
+    blinding: dict[int, Blinding] = field(default_factory=dict)
 
     def act(self, game: Game, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Actions of side 0 and 1 for the game's present observations, each (n, a), not clipped.
@@ -64,13 +64,14 @@ class Players:
         starts = torch.from_numpy(first).to(self.device)
         adversary, victim = self.adversary_side, 1 - self.adversary_side
         answer = self._choose(victim, View(seen[victim], seen[adversary], starts))
-        view = View(seen[adversary], seen[victim], starts, answer)
-        attack = self._choose(adversary, view if self.blinding is None else self.blinding(view))
+        attack = self._choose(adversary, View(seen[adversary], seen[victim], starts, answer))
         chosen = {victim: answer.cpu().numpy(), adversary: attack.cpu().numpy()}
         return chosen[0], chosen[1]
 
     def _choose(self, side: int, view: View) -> Tensor:
         seat = self.seats[side]
+        if side in self.blinding:
+            view = self.blinding[side](view)
         return seat.policy.act(view, sample=seat.sample, generator=seat.generator).action
 
 

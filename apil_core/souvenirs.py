@@ -1,30 +1,44 @@
-"""What a finished run can take home: its learning curve as a picture, and a film of a game it won."""
+"""What a finished run can be shown with: scores to compare with, its learning curve, a game it won."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from pydantic import BaseModel
 
 from apil_core.errors import ApilError
+from apil_core.evaluation import EvaluationResult
 from apil_core.progress import Progress
 from apil_core.rundir import RunDir
+
+Made = TypeVar("Made")
 
 TRIES = 30
 """Games looked at for one that the adversary wins."""
 
 
 class Souvenirs(BaseModel):
-    """The files made; ``None`` where it could not be done, and then ``notes`` says why."""
+    """What was made; ``None`` where it could not be done, and then ``notes`` says why.
 
+    Attributes:
+        opponent: score of the game's own opponent of the victim, in the games of the run's own score.
+        victim_blinded: the run's against a victim that does not see it: what the adversary wins beyond that,
+            it wins through the victim's eyes.
+        curve, won_game: files.
+        notes: what could not be made, and why.
+    """
+
+    opponent: EvaluationResult | None = None
+    victim_blinded: EvaluationResult | None = None
     curve: Path | None = None
     won_game: Path | None = None
     notes: list[str] = []
 
 
 def make_souvenirs(run: RunDir, progress: Progress | None = None) -> Souvenirs:
-    """Draw the run's learning curve and film a game that its adversary wins, into its directory.
+    """Play the games to compare with, draw the learning curve and film a game that the adversary wins.
 
     Nothing depends on them, so whatever keeps one from being made is a note, not an error.
 
@@ -33,18 +47,69 @@ def make_souvenirs(run: RunDir, progress: Progress | None = None) -> Souvenirs:
         progress: told of every game tried.
     """
     made = Souvenirs()
+    progress = progress or Progress()
+    if run.config().evaluation.episodes:
+        lack = "no score of the game's own opponent"
+        made.opponent = _attempt(made, lack, lambda: _own_opponent(run, progress))
+        lack = "no score against a blinded victim"
+        made.victim_blinded = _attempt(made, lack, lambda: _unseen(run, progress))
     made.curve = _attempt(made, "no learning curve", lambda: _draw(run))
-    made.won_game = _attempt(made, "no film of a won game", lambda: _film(run, progress or Progress()))
+    made.won_game = _attempt(made, "no film of a won game", lambda: _film(run, progress))
     return made
 
 
-def _attempt(made: Souvenirs, lack: str, make: Callable[[], Path]) -> Path | None:
+def _attempt(made: Souvenirs, lack: str, make: Callable[[], Made]) -> Made | None:
     try:
         return make()
     except Exception as error:  # OpenGL, encoder or disk; further seeds may be waiting for their turn
         kind = "" if isinstance(error, ApilError) else f"{type(error).__name__}: "
         made.notes.append(f"{lack}: {kind}{error}")
         return None
+
+
+def _own_opponent(run: RunDir, progress: Progress) -> EvaluationResult | None:
+    from apil_core.default_victim import default_baseline
+    from apil_core.evaluator import evaluate
+    from apil_core.observer_options import observers_played
+    from apil_core.plugins import discover
+
+    config = run.config()
+    plugins, modes = discover(config.plugins), config.evaluation
+    name = default_baseline(plugins.game(config.env), plugins)
+    if not name:
+        return None
+    return evaluate(
+        name,
+        env=config.env,
+        victim=config.victim,
+        victim_seat=config.victim_side,
+        episodes=modes.episodes,
+        seed=config.seed,
+        game_options=config.game,
+        observers=observers_played(config),
+        adversary_actions=modes.adversary_actions,
+        victim_actions=modes.victim_actions,
+        plugins=plugins,
+        threads=config.threads,
+        device=config.device,
+        trust=config.trust,
+        progress=progress,
+    )
+
+
+def _unseen(run: RunDir, progress: Progress) -> EvaluationResult:
+    from apil_core.evaluator import evaluate
+
+    config = run.config()
+    return evaluate(
+        run.path,
+        episodes=config.evaluation.episodes,
+        seed=config.seed,
+        blind_victim="zeros",
+        threads=config.threads,
+        device=config.device,
+        progress=progress,
+    )
 
 
 def _draw(run: RunDir) -> Path:

@@ -236,7 +236,7 @@ def matches(result: Any, wanted: ScoreConfig, cell: Cell, trained: int | None) -
     modes = cell.config.evaluation
     asked = (
         wanted.episodes,
-        wanted.blind,
+        (wanted.blind, None),
         {**({} if trained is None else observers_played(cell.config)), **wanted.observers},
         wanted.physics or stored_physics(cell.config),
         wanted.adversary_actions or modes.adversary_actions,
@@ -246,7 +246,7 @@ def matches(result: Any, wanted: ScoreConfig, cell: Cell, trained: int | None) -
     )
     played = (
         result.episodes,
-        result.blind,
+        (result.blind, result.blind_victim),
         (result if trained is None else told(result, cell.config)).observers or {},
         result.physics,
         result.adversary_actions,

@@ -11,6 +11,7 @@ from apil_core.cli.flags import Json, PairingFlags, Quiet
 from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
 from apil_core.cli.scores import print_score
+from apil_core.errors import ConfigError
 
 if TYPE_CHECKING:
     from apil_core.pairing import PairingOptions
@@ -35,6 +36,10 @@ def evaluate(
         bool,
         Parameter(show_default=False, help="Hide it from the adversary's methods too, with --blind."),
     ] = False,
+    blind_victim: Annotated[
+        Literal["zeros", "initial"] | None,
+        Parameter(help="Hide the adversary from the victim: what is still won was not won by what it saw."),
+    ] = None,
     seed: Annotated[int, Parameter(help="Seed of the games and of all draws.")] = 0,
     num_envs: Annotated[
         int | None, Parameter(help="Games in parallel; a seed's games depend on it [default: up to 128].")
@@ -57,6 +62,8 @@ def evaluate(
     """
     from apil_core.evaluator import evaluate as score
 
+    if keep is not None and blind_victim is not None:
+        raise ConfigError("--keep: reports have no table of blinded victims; use --json with --blind-victim")
     folder = None if keep is None else _keeping(adversary, keep)
     flags = flags or PairingFlags()
     options: PairingOptions = {**flags.options(), "threads": threads, "device": device}
@@ -68,6 +75,7 @@ def evaluate(
             num_envs=num_envs,
             blind=blind,
             blind_imitator=blind_imitator,
+            blind_victim=blind_victim,
             progress=progress,
             **options,
         )
@@ -90,7 +98,6 @@ def _keeping(adversary: str, name: str) -> Path:
     """
     from apil_core.bench.folder import score_path
     from apil_core.bench.matrix import PLAIN, check_name
-    from apil_core.errors import ConfigError
     from apil_core.files import check_place
     from apil_core.trained import Source, run_path
 

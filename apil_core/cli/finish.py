@@ -9,8 +9,10 @@ from apil_core.cli.guard import INTERRUPTED, complain
 from apil_core.distributed.world import World
 
 if TYPE_CHECKING:
+    from apil_core.evaluation import EvaluationResult
     from apil_core.progress import Progress
     from apil_core.runner import RunResult
+    from apil_core.souvenirs import Souvenirs
 
 
 def finish(result: RunResult, progress: Progress, *, show: bool, as_json: bool) -> dict[str, Any]:
@@ -30,7 +32,9 @@ def finish(result: RunResult, progress: Progress, *, show: bool, as_json: bool) 
 def print_end(result: RunResult) -> None:
     """The final score (or where the run stands), and the next command one may want."""
     from apil_core.cli.output import console
+    from apil_core.cli.readout import imitator
     from apil_core.cli.scores import print_score
+    from apil_core.rundir import RunDir
 
     if result.evaluation is not None:
         print_score(result.evaluation)
@@ -38,6 +42,8 @@ def print_end(result: RunResult) -> None:
         rate, steps = result.best["wins"] / result.best["games"], result.best["steps"]
         how = f"score it: apil eval {result.run_dir} --checkpoint best"
         console().print(f"best       {rate:.1%} wins at {steps:,} steps; {how}", markup=False)
+    if imitates := imitator(RunDir(result.run_dir).last_metrics()):
+        console().print(f"imitator   {imitates}", markup=False)
     if result.status == "finished":
         console().print(f"run        {result.run_dir}, {result.steps:,} steps", markup=False)
 
@@ -47,15 +53,34 @@ def _souvenirs(result: RunResult, progress: Progress, *, silent: bool) -> dict[s
     from apil_core.rundir import RunDir
     from apil_core.souvenirs import make_souvenirs
 
-    progress.note("drawing the learning curve, then looking for a won game to film")
+    progress.note("playing games to compare with, drawing the learning curve, looking for a won game to film")
     made = make_souvenirs(RunDir(result.run_dir), progress)
     for note in made.notes:
         complain(note, 0)
     if not silent:
+        if result.evaluation is not None:
+            _print_beside(result.evaluation, made)
         for name, path in (("curve", made.curve), ("won game", made.won_game)):
             if path is not None:
                 console().print(f"{name:<10} {path}", markup=False)
     return made.model_dump(mode="json")
+
+
+def _print_beside(own: EvaluationResult, made: Souvenirs) -> None:
+    """The wins of the adversary, of the game's own opponent, and of the adversary unseen by the victim."""
+    from apil_core.cli.output import console, table
+
+    scores = {"this adversary": own}
+    if made.opponent is not None:
+        scores[f"the game's own opponent, {made.opponent.adversary.name}"] = made.opponent
+    if made.victim_blinded is not None:
+        scores["this adversary, unseen by the victim"] = made.victim_blinded
+    rows = table("against the same victim", "games>", "wins>", "95 % interval>")
+    for who, score in scores.items():
+        rate = score.win_rate
+        interval = f"{100 * rate.low:.1f} – {100 * rate.high:.1f} %"
+        rows.add_row(who, str(score.episodes), f"{100 * rate.value:.1f} %", interval)
+    console().print(rows)
 
 
 def exit_code(result: RunResult, world: World) -> int:

@@ -98,17 +98,23 @@ def test_tables_of_runs_name_the_victim(apil: Apil, trained: Path) -> None:
 def test_show_leaves_a_curve_and_a_won_game(apil: Apil, tmp_path: Path) -> None:
     done = apil("run", *TOY, *SMALL, "--out", "r", "--show")
     assert done.code == 0, done.err
-    assert done.out.splitlines()[-3:] == [
-        "run        r, 3,072 steps",
-        "curve      r/curve.png",
-        "won game   r/won-game.mp4",
-    ]
+    lines = [line.strip() for line in done.out.splitlines()]
+    assert "run        r, 3,072 steps" in lines
+    assert lines[-2:] == ["curve      r/curve.png", "won game   r/won-game.mp4"]
+    own, unseen = (line for line in lines if line.startswith("this adversary"))
+    assert (own.split()[2], unseen.split()[6]) == ("20", "20")
+    (imitator,) = (line for line in lines if line.startswith("imitator   error "))
+    assert "of the best constant's" in imitator
     assert "game 1 of 30: " in done.err
     with av.open(str(tmp_path / "r/won-game.mp4")) as film:
         assert sum(1 for _ in film.decode(film.streams.video[0])) > 24  # the end alone is held so long
     shown = json.loads(apil("resume", "r", "--steps", "4k", "--show", "--json", "--quiet").out)
     assert shown["steps"] == 4096
     assert shown["souvenirs"]["curve"] == "r/curve.png"
+    unseen = shown["souvenirs"]["victim_blinded"]
+    assert (unseen["blind_victim"], unseen["seed"]) == ("zeros", shown["evaluation"]["seed"])
+    assert unseen["episodes"] == shown["evaluation"]["episodes"]
+    assert shown["souvenirs"]["opponent"] is None  # toy-pursuit has none of its own
     names = {path.name for path in (tmp_path / "r").iterdir()}
     assert {"curve.png", "curve-3072.png", "won-game-3072.mp4", "result-3072.json"} <= names
     assert f"victim: {EVADER}" in (tmp_path / "r/config.yaml").read_text()

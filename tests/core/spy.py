@@ -47,14 +47,16 @@ def play_spied(
     imitator: bool = False,
     hooks: RunHookManager | None = None,
     seed: int = 5,
+    blind_side: int | None = None,
 ) -> tuple[Spy, Spy, Blinding | None]:
     """One game per slot; what adversary and victim were shown, and the blinding used."""
     pairing = spied_pairing(game, side, hooks)
     players = pairing.players(seed)
     if blind is not None:
-        players.blinding = make_blinding(pairing, blind, imitator=imitator)
+        blinded = side if blind_side is None else blind_side
+        players.blinding[blinded] = make_blinding(pairing, blind, blinded, imitator=imitator)
     game.seed(seed)
     play(game, players, game.num_envs)
     assert isinstance(pairing.adversary, Spy)
     assert isinstance(pairing.victim, Spy)
-    return pairing.adversary, pairing.victim, players.blinding
+    return pairing.adversary, pairing.victim, players.blinding.get(side)

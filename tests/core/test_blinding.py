@@ -80,6 +80,17 @@ def test_blinding_comes_after_the_filters():
         assert (victim.seen("own") == plain.seen("opponent") + 1).all()
 
 
+def test_the_victim_can_be_blinded_instead():
+    game = make_game("toy-pursuit", num_envs=64, options={"max_steps": 3})
+    plain, seeing, _ = play_spied(game, PURSUER, None)
+    adversary, blinded, _ = play_spied(game, PURSUER, "zeros", blind_side=1 - PURSUER)
+    assert (blinded.seen("own")[:, :, 2:4] == 0).all()
+    assert (blinded.seen("own")[:, :, OWN] == seeing.seen("own")[:, :, OWN]).all()
+    # the adversary, and what its methods read of the victim, are as before
+    assert (adversary.seen("own") == plain.seen("own")).all()
+    assert (adversary.seen("opponent") == plain.seen("opponent")).all()
+
+
 def test_a_filter_that_draws_draws_the_same_when_blinding_looks_at_starts():
     def noisy(context, obs):
         return obs + torch.randn(obs.shape, generator=context.generator)
