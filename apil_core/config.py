@@ -46,6 +46,8 @@ class RewardConfig(Section):
     """Weight of the outcome; null takes the game's default."""
     anneal_fraction: Annotated[float, Field(ge=0, le=1)] | None = None
     """Share of training over which c falls from 1 to 0 (0: sparse only); null takes the game's default."""
+    anneal_budget: Annotated[int, Field(gt=0)] | None = None
+    """Environment steps that anneal_fraction is a share of; null: the run's budget."""
     normalize: bool = True
     """Divide by the running standard deviation of the discounted return and clip to ±10."""
 

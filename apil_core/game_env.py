@@ -189,7 +189,7 @@ class AttackEnv:
     def _step_batch(self, pending: Pending, actions: Tensor, result: GameStep) -> StepBatch:
         seats = [self.side, 1 - self.side]
         played = self.steps if self.run is None else self.run.steps
-        c = annealing(self.weights, played, self.config.steps)
+        c = annealing(self.weights, played, self.config.reward.anneal_budget or self.config.steps)
         reward, victim_reward = self._tensor(training_reward(result, self.weights, c)[seats]).float()
         done = self._tensor(result.done)
         winner = self._tensor(result.winner)

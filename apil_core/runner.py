@@ -181,7 +181,7 @@ def _note_changed_schedules(trainer: Trainer, progress: Progress) -> None:
     bent = []
     if trainer.config.ppo.lr_schedule == "linear":
         bent.append("ppo.learning_rate")
-    if trainer.attack.env.weights.anneal_fraction > 0:
+    if trainer.attack.env.weights.anneal_fraction > 0 and not trainer.config.reward.anneal_budget:
         bent.append("the dense reward's share")
     if bent:
         progress.note(f"a new number of steps changes the slope of {' and '.join(bent)} from here on")

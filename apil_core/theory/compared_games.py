@@ -124,7 +124,7 @@ def play_compared(
 def _games(pairing: Pairing, other: Policy | None, seed: int, plugins: PluginRegistry) -> ComparedGames:
     config, game, side = pairing.config, pairing.game, pairing.side
     weights = resolve_weights(config.reward, game_spec(config.env, plugins).rewards)
-    share = annealing(weights, pairing.steps or 0, config.steps)
+    share = annealing(weights, pairing.steps or 0, config.reward.anneal_budget or config.steps)
     players, compared = pairing.players(seed), ComparedPolicy(pairing.adversary, other)
     seats = [replace(seat, policy=compared) if i == side else seat for i, seat in enumerate(players.seats)]
     players = replace(players, seats=(seats[0], seats[1]))

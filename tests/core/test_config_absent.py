@@ -35,6 +35,7 @@ ADDED = {
     "init_steps": 200_000,
     "evaluation.stop_when.win_rate_above": None,
     "evaluation.stop_when.no_gain_in": None,
+    "reward.anneal_budget": None,
     "ppo.action_unit": "game",
     "ppo.critic_observes": "own",
     "ppo.clip_value": True,

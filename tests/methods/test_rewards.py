@@ -6,14 +6,16 @@ import math
 
 import pytest
 import torch
+from core.small_runs import small_config
 
 from apil_apil.discriminator import imitation_loss, reward_log_d, reward_neg_log_1md
 from apil_core import RunConfig
-from apil_core.build import build_hooks
+from apil_core.build import build, build_hooks
 from apil_core.game import GameLayout, GameStep, SideLayout
 from apil_core.method import MethodSetup
 from apil_core.registry import default_plugins
 from apil_core.rewards import RewardWeights, annealing, training_reward
+from apil_core.trainer import Trainer
 from apil_core.types import Rollout, StepBatch
 
 
@@ -139,3 +141,15 @@ def test_annealing_is_linear_then_zero():
     weights = RewardWeights(anneal_fraction=0.1)
     assert [annealing(weights, s, 1000) for s in (0, 50, 100, 900)] == [1.0, 0.5, 0.0, 0.0]
     assert annealing(RewardWeights(), 0, 1000) == 0.0
+
+
+def test_a_share_of_fixed_steps_does_not_change_with_the_budget():
+    plugins = default_plugins()
+    found = []
+    for steps in (2048, 8192):
+        reward = {"dense_weight": 1.0, "sparse_weight": 1.0, "anneal_fraction": 0.5, "anneal_budget": 1024}
+        config = small_config("adrl", num_envs=32, steps=steps, ppo={"num_steps": 16}, reward=reward)
+        trainer = Trainer(build(config, plugins), plugins)
+        found.append([trainer.iterate()["reward/adversary"] for _ in range(2)])
+        trainer.attack.game.close()
+    assert found[0] == found[1]
