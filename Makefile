@@ -3,7 +3,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 ZOO ?=
-STEPS ?= 400k
+STEPS ?= 1500k
 BIN := $(VENV)/bin
 SOURCES := apil_core envs plugins examples tests benchmarks docs
 # Example plugins as anybody else's: packages of their own, installed beside the core.

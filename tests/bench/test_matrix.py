@@ -200,7 +200,15 @@ def test_a_file_is_told_with_its_line(tmp_path: Path):
 
 def test_shipped_matrices_resolve():
     sizes = {name: len(resolve_matrix(load_matrix(name), name).cells) for name in matrix_names()}
-    assert sizes == {"ablation": 24, "paper": 80, "quick": 16, "smoke": 4}
+    assert sizes == {"ablation": 24, "campaign": 16, "paper": 80, "quick": 16, "smoke": 4}
+
+
+def test_the_campaign_can_be_extended():
+    """Nothing in it follows the budget, and what has most to show comes first."""
+    cells = resolve_matrix(load_matrix("campaign")).cells
+    assert [cell.method for cell in cells] == [m for m in ("e_apil", "adrl", "apl", "apil") for _ in range(4)]
+    assert {cell.config.ppo.lr_schedule for cell in cells} == {"constant"}
+    assert all(cell.config.reward.anneal_budget for cell in cells)
 
 
 def test_a_stored_matrix_comes_back_equal(tmp_path: Path):
