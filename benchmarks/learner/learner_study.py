@@ -1,8 +1,8 @@
 """Which settings of PPO get there sooner: the study behind docs/learner.md.
 
-    python benchmarks/learner/study.py run RUNS --variant efficient white --env kick-and-defend --seeds 0 1
-    python benchmarks/learner/study.py table RUNS --out docs/results/learner/runs.json
-    python benchmarks/learner/study.py table docs/results/learner/runs.json
+    python benchmarks/learner/learner_study.py run RUNS --variant efficient white --seeds 0 1
+    python benchmarks/learner/learner_study.py table RUNS --out docs/results/learner/runs.json
+    python benchmarks/learner/learner_study.py table docs/results/learner/runs.json
 
 Runs lie in RUNS/GAME/METHOD-VARIANT-sSEED; finished ones are kept, half ones are gone on with. A run is one
 process of one thread, as many at a time as --workers says.
