@@ -18,11 +18,12 @@ $(VENV)/.ready: pyproject.toml constraints.txt $(EXAMPLES:%=%/pyproject.toml)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]' $(EXAMPLES:%=-e %)
 	@touch $@
 
-# Main job: E-APIL against the kicker, its score, its learning curve and a film of a game it wins. The kicker is
-# the student shipped with the package, or the zoo's own agent once it was imported, which ZOO=DIR does first.
+# Main job: E-APIL against the kicker, its score beside the game's own keeper's, its learning curve and a film of a game
+# it wins. The kicker is the student shipped with the package, or the zoo's own agent once it was imported, which
+# ZOO=DIR does first.
 run: $(VENV)/.ready
 	$(if $(ZOO),$(BIN)/apil victims import "$(ZOO)")
-	$(BIN)/apil run --method e_apil --env kick-and-defend --preset quick --steps $(STEPS) --show $(FLAGS)
+	$(BIN)/apil run --method e_apil --env kick-and-defend --preset efficient --physics fast --steps $(STEPS) --show $(FLAGS)
 
 test: $(VENV)/.ready
 	$(BIN)/python -m pytest -n 2 --dist worksteal $(FLAGS)
