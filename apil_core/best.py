@@ -22,12 +22,10 @@ class EvaluationHistory:
     def __init__(self, rows: Iterable[dict[str, Any]] = ()):
         self.rows = list(rows)
 
-    def add(self, result: EvaluationResult, steps: int) -> bool:
-        """Take in an evaluation after ``steps`` environment steps; whether it won more than all before."""
-        row = {"steps": steps, "games": result.episodes, "wins": result.wins, "low": result.win_rate.low}
-        best = self.best
-        self.rows.append(row)
-        return best is None or _rate(row) > _rate(best)
+    def add(self, result: EvaluationResult, steps: int) -> None:
+        """Take in an evaluation after ``steps`` environment steps."""
+        low = result.win_rate.low
+        self.rows.append({"steps": steps, "games": result.episodes, "wins": result.wins, "low": low})
 
     @property
     def best(self) -> dict[str, Any] | None:

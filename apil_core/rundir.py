@@ -120,7 +120,7 @@ class RunDir:
             raise RunDirError(f"{self.path} has no checkpoint yet: nothing to continue or evaluate")
         return found[-1]
 
-    def checkpoint(self, wanted: Path | None) -> Path:
+    def checkpoint(self, wanted: Path | str | None) -> Path:
         """The newest one, the one that won most in evaluations during training (``best``), or the given one.
 
         Raises:
@@ -128,8 +128,8 @@ class RunDir:
         """
         if wanted is None:
             return self.newest_checkpoint()
-        if wanted != Path(BEST):
-            return wanted
+        if str(wanted) != BEST:
+            return Path(wanted)
         if not self.best_path.is_file():
             raise RunDirError(
                 f"{self.path} has no best checkpoint: it is kept by evaluations during training "

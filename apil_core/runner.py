@@ -103,19 +103,25 @@ def resume(
     stored = completed(stored, registry)
     with joined(stored.device) as world, _held(directory, world):
         path = world.share(directory.checkpoint(checkpoint_path))
+        if path == directory.best_path and world.size > 1:
+            raise RunDirError(
+                f"{path} has the first process's part only: it can be scored, but not be gone on from"
+            )
         state = _read(path, stored, registry, world)
         config = _changed(stored, steps, threads)
         ended = _check_unfinished(directory, state, config, world)
         trainer = _trainer(config, registry, world)
         with fitting(path):
             trainer.load_state_dict(state)
-        if not ended and steps is None:  # only the final score is missing
+        if not ended and config.steps == stored.steps:  # only the final score is missing
             trainer.stopped = state.get("stopped", "")
         world.wait()  # until all have read what the first one changes now
         if world.is_main:
             truncate_metrics(directory.metrics_path, iterations_in_rows(state))
             directory.abandon_after(state["iteration"])
             _abandon_best_after(directory.best_path, state["steps"])
+            if path == directory.best_path:  # else there would be none to go on from until the next one
+                checkpoint.save(directory.checkpoint_path(state["iteration"]), state)
             directory.retire_result(int(state["steps"]))
             directory.write_config(trainer.config, registry)
             directory.note_environment(command)

@@ -93,8 +93,9 @@ class Session:
             with hooks.attribution(), in_contact(), self._wish.listening(), one_torch_thread():
                 with hooks.arguments_unchanged():  # every plugin shows its manners in the first iteration
                     self._hook.run_started(run=trainer)
-                    if teacher is not None:
-                        self._warm_start(teacher)
+                if teacher is not None:
+                    self._warm_start(teacher)
+                with hooks.arguments_unchanged():
                     if self._goes_on:
                         self._iteration()
                 states_of(hooks.of(RunPlugin))  # what grows in training can be stored as well
@@ -110,11 +111,11 @@ class Session:
         return self._result(status, evaluation)
 
     def _warm_start(self, teacher: Policy) -> None:
+        self.progress.note(f"cloning {teacher.info.name} in the first {self.config.init_steps:,} steps")
         warm_start(self.trainer, teacher)
         self.save()
-        if self.world.is_main:
-            with suppress(Stopped):
-                self.progress.note(beside_teacher(self.trainer, teacher, self._wish.progress))
+        with suppress(Stopped):
+            self.progress.note(beside_teacher(self.trainer, teacher, self._wish.progress))
 
     @property
     def _hook(self) -> Any:
@@ -130,9 +131,11 @@ class Session:
 
     @property
     def _goes_on(self) -> bool:
-        return not self.trainer.finished and not self.world.any(
-            self._wish.asked or bool(self.trainer.stopped)
-        )
+        trainer = self.trainer
+        if self.world.size > 1:  # whoever asked for the end, all end, and the first one says why
+            reasons = [reason for reason in self.world.gather(trainer.stopped) if reason]
+            trainer.stopped = reasons[0] if reasons else ""
+        return not (trainer.finished or trainer.stopped or self.world.any(self._wish.asked))
 
     def _iteration(self) -> None:
         trainer = self.trainer
@@ -162,12 +165,14 @@ class Session:
         trainer = self.trainer
         metrics["memory_mb"] = resident_mb()
         every = self.config.evaluation.every_steps
+        best = self.history.best
         if every and before // every < trainer.steps // every:
-            with suppress(Stopped):
-                metrics.update(_evaluation_metrics(self._evaluate_on_the_way()))
+            metrics.update(_evaluation_metrics(self._evaluate_on_the_way()))
         self.log.record(metrics, trainer.steps - before)
         self.progress.iteration(metrics)
         trainer.hook.iteration_finished(run=trainer, metrics=metrics)
+        if self.history.best is not best:
+            checkpoint.save(self.run_dir.best_path, self._state())
 
     def save(self) -> None:
         """Write a checkpoint of this iteration boundary (once) and drop the oldest.
@@ -196,13 +201,16 @@ class Session:
         }
 
     def _evaluate_on_the_way(self) -> EvaluationResult:
-        """Score the adversary on games of their own, keep it if none was better, stop if that was agreed."""
+        """Score the adversary on games of their own; stop if that was agreed.
+
+        Not broken off by Ctrl-C: a run that is gone on with would have missed it.
+        """
         trainer, wanted = self.trainer, self.config.evaluation
         # the final score must not be of the games that the best was chosen by
         seed = stream_seed(self.config.seed, "evaluation during training")
-        result = self._evaluate(wanted.periodic_episodes, seed=seed)
-        if self.history.add(result, trainer.steps):
-            checkpoint.save(self.run_dir.best_path, self._state())
+        result = trainer.evaluate(wanted.periodic_episodes, self.progress, seed=seed)
+        self.progress.evaluation(result, trainer.steps)
+        self.history.add(result, trainer.steps)
         if reason := self.history.why_stop(wanted.stop_when):
             trainer.stop(reason)
         return result

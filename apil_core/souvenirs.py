@@ -75,8 +75,9 @@ def _own_opponent(run: RunDir, progress: Progress) -> EvaluationResult | None:
 
     config = run.config()
     plugins, modes = discover(config.plugins), config.evaluation
-    name = default_baseline(plugins.game(config.env), plugins)
-    if not name:
+    spec = plugins.game(config.env)
+    name = default_baseline(spec, plugins)
+    if not name or config.victim_side not in (None, spec.victim_side):  # it plays in one seat only
         return None
     return evaluate(
         name,

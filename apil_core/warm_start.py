@@ -44,15 +44,19 @@ def load_teacher(trainer: Trainer, name: str) -> Policy:
         ConfigError: its sizes are not the adversary's, or there are not enough steps for it.
         VictimError: it cannot be loaded, or has no action distribution of constant spread.
     """
-    config, side = trainer.config, trainer.adversary_side
+    config, side, seats = trainer.config, trainer.adversary_side, trainer.layout.sides
+    if trainer.world.size > 1:
+        raise ConfigError(
+            f"init_from: one process clones {name}: begin without torchrun, then go on from the run it makes"
+        )
     if config.init_steps >= config.steps:
         raise ConfigError(
             f"init_from: cloning {name} takes init_steps ({config.init_steps:,}) of the run's steps "
             f"({config.steps:,}), which leaves none; set init_steps or steps"
         )
-    taking = Taking(config.trust, stream_seed(config.seed, "warm start"))
+    taking = Taking(config.trust, stream_seed(config.seed, "warm start"), second=True)
     teacher = load_victim(name, trainer.attack.game, side, config.device, trainer.plugins, taking)
-    spread_of(teacher, trainer.layout.sides[side], trainer.device)
+    spread_of(teacher, seats[side], seats[1 - side], trainer.device)
     return teacher
 
 
@@ -68,7 +72,6 @@ def warm_start(trainer: Trainer, teacher: Policy) -> None:
     while trainer.steps < CLONING_SHARE * steps:
         cloning.round()
     cloning.finish()
-    trainer.start_equal()
     while trainer.steps < steps:
         trainer.iterate(actor_fixed=True)
     trainer.iteration, trainer.wall_seconds = 0, time.perf_counter() - begin
@@ -107,7 +110,8 @@ class _Cloning:
         self.teacher = teacher
         attack = trainer.attack
         self.env, self.actor = attack.env, attack.learner.actor
-        log_std, _ = spread_of(teacher, trainer.layout.sides[trainer.adversary_side], trainer.device)
+        side, seats = trainer.adversary_side, trainer.layout.sides
+        log_std, _ = spread_of(teacher, seats[side], seats[1 - side], trainer.device)
         self.std = log_std.exp()
         with torch.no_grad():
             self.actor.model.distribution.log_std_param.copy_(log_std)

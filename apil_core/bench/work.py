@@ -134,6 +134,10 @@ class _Worker:
             result = runner.resume(
                 run.path, threads=self.threads, steps=cell.steps, progress=self.progress, command=command
             )
+        elif any(run.checkpoint_dir.glob("*.pt*")):
+            raise RunDirError(
+                f"{run.path} has no checkpoint to go on from, but others; move it away to begin anew"
+            )
         else:
             # killed before its first checkpoint: its iterations will be the same again, to the bit
             shutil.rmtree(run.path, ignore_errors=True)
@@ -204,6 +208,11 @@ def check_same(stored: RunConfig, cell: Cell) -> None:
         for key, values in differences(stored, cell.config).items()
         if key.split(".")[0] not in _FREE and not (key == "steps" and values[0] <= values[1])
     }
+    if set(changed) == {"steps"}:
+        raise ConfigError(
+            f"cell {cell.name} has been raised to {stored.steps} steps, the matrix says {cell.steps}; "
+            f"go on with --steps {stored.steps}"
+        )
     if changed:
         key, (before, now) = next(iter(changed.items()))
         more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""

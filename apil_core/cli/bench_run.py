@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
-from apil_core.bench.matrix import matrix_names
+from apil_core.bench.matrix import NAMES_WITHOUT_BUDGET, matrix_names
 from apil_core.cli.flags import Json, Quiet, count
 from apil_core.cli.guard import INTERRUPTED, complain
 from apil_core.cli.progress import make_progress
@@ -90,11 +90,18 @@ def run(
 
     source, directory = _source(matrix, out)
     if steps is not None:
+        if len(source.steps) > 1:
+            raise ConfigError(f"--steps stands for one budget, {matrix} has several: change them there")
         source = source.model_copy(update={"steps": (steps,)})
     benchmark = resolve_matrix(source, matrix)
     bench = BenchDir(directory)
     named = [game for game, victims in source.victims.items() if "auto" not in victims]
     benchmark = _same_as_stored(bench, with_full_names(benchmark, matrix), named)
+    if steps is not None and benchmark.matrix.version < NAMES_WITHOUT_BUDGET:
+        raise ConfigError(
+            f"{directory} was begun by an older version, with the budget in its cells' names, which cannot "
+            "be raised: leave --steps out to go on, or choose another --out"
+        )
     at_once, each = _share(workers, threads, executor)
     jobs = make_jobs(benchmark)
     ledger = Ledger(bench, benchmark)
@@ -160,6 +167,13 @@ def _same_as_stored(bench: Any, benchmark: Benchmark, named: Collection[str] = (
                 f"{bench.path} attacks {', '.join(before)} in {game}, the matrix says {', '.join(now)}; "
                 "give the changed matrix another --out"
             )
+    budgets = matrix.steps, benchmark.matrix.steps
+    if budgets[0][0] != budgets[1][0] and max(map(len, budgets)) > 1:
+        there, here = (", ".join(map(str, steps)) for steps in budgets)
+        raise ConfigError(
+            f"{bench.path} has the budgets {there}, the matrix {here}; the first of several must stay, "
+            "since its cells are named without it: put new ones behind it"
+        )
     pinned = {game: stored.get(game, names) for game, names in benchmark.matrix.victims.items()}
     # the version decides what its cells are called
     asked = benchmark.matrix.model_copy(update={"victims": pinned, "version": matrix.version}, deep=True)

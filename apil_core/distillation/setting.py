@@ -100,7 +100,8 @@ def prepare(config: DistillConfig, plugins: PluginRegistry) -> Setting:
         taking = Taking(config.trust)
         teacher = load_victim(config.teacher, game, side, config.device, plugins, taking)
         opponent = load_victim(config.opponent, game, 1 - side, config.device, plugins, taking)
-        log_std, recurrent = spread_of(teacher, game.layout.sides[side], device)
+        seats = game.layout.sides
+        log_std, recurrent = spread_of(teacher, seats[side], seats[1 - side], device)
         full = _complete(config, game.layout.max_steps, recurrent).model_copy(
             update={"teacher": teacher.info.name, "opponent": opponent.info.name}  # found from anywhere
         )
@@ -120,7 +121,9 @@ def _game(config: DistillConfig, plugins: PluginRegistry, changed: Mapping[str, 
     )
 
 
-def spread_of(teacher: Policy, seat: SideLayout, device: torch.device) -> tuple[Tensor, bool]:
+def spread_of(
+    teacher: Policy, seat: SideLayout, other: SideLayout, device: torch.device
+) -> tuple[Tensor, bool]:
     """The teacher's log-std (a,), and whether it carries state from step to step.
 
     Raises:
@@ -130,7 +133,11 @@ def spread_of(teacher: Policy, seat: SideLayout, device: torch.device) -> tuple[
     spread = torch.linspace(-1, 1, rows, device=device).unsqueeze(1)
     own = spread.expand(rows, seat.observation_size).contiguous()
     first = torch.ones(rows, dtype=torch.bool, device=device)
-    distribution = teacher.act(View(own, own, first), sample=False).distribution
+    theirs, answer = (
+        torch.zeros(rows, size, device=device) for size in (other.observation_size, other.action_size)
+    )
+    view = View(own, theirs, first, opponent_action=answer)
+    distribution = teacher.act(view, sample=False).distribution
     if distribution is None:
         raise VictimError(f"{teacher.info.name} has no action distribution: its mean cannot be learnt")
     std = distribution.std.expand(rows, -1)

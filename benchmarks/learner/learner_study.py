@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -46,6 +47,7 @@ def train(arguments: argparse.Namespace) -> None:
         if any(out.glob("checkpoints/iteration-*.pt")):
             command = [*apil, "resume", str(out), "--threads", "1", "--quiet", "--steps", arguments.steps]
         else:
+            shutil.rmtree(out, ignore_errors=True)  # killed before its first checkpoint
             settings = {**variants["efficient"], **variants[variant]} if variant != "plain" else {}
             sets = [f"--set={key}={json.dumps(value)}" for key, value in settings.items()]
             command = [*apil, "run", "--method", method, "--env", env, "--seed", str(seed)]

@@ -77,6 +77,21 @@ def test_a_raised_budget_takes_finished_cells_on(tmp_path: Path) -> None:
     assert bench.snapshot_path(cell.name).read_bytes() != before[1]
 
 
+def test_the_first_of_several_budgets_must_stay(tmp_path: Path) -> None:
+    bench = BenchDir(tmp_path)
+    bench.write_matrix(resolve_matrix(matrix(steps=[512, 1024])).matrix)
+    for steps in ([1024], [1024, 512], 2048):
+        with pytest.raises(ConfigError, match=r"has the budgets 512, 1024, .*: put new ones behind it"):
+            _same_as_stored(bench, resolve_matrix(matrix(steps=steps)))
+    _same_as_stored(bench, resolve_matrix(matrix(steps=[512, 2048])))
+
+
+def test_a_lower_budget_than_was_begun_is_told(tmp_path: Path) -> None:
+    run(tmp_path, crossplay=None)
+    with pytest.raises(ConfigError, match="raised to 512 steps, the matrix says 500; go on with --steps 512"):
+        _same_as_stored(BenchDir(tmp_path), resolve_matrix(matrix(steps=500)))
+
+
 def test_a_benchmark_of_an_older_version_keeps_its_cells_names(tmp_path: Path) -> None:
     bench = BenchDir(tmp_path)
     old = resolve_matrix(matrix(version=1, steps=["1M", "8M"]))

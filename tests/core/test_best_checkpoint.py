@@ -89,7 +89,7 @@ def test_the_best_checkpoint_is_kept_and_its_history_goes_on(tmp_path):
     assert checkpoint.read(whole.best_path)["steps"] == best["steps"]
     assert json.loads(whole.result_path.read_text())["best"] == best
     # the same weights in the same games win as often, and the final score is of others
-    again = evaluate(whole.path, checkpoint_path=Path("best"), episodes=20, seed=periodic[0].seed)
+    again = evaluate(whole.path, checkpoint_path="best", episodes=20, seed=periodic[0].seed)
     assert (again.wins, again.trained_steps) == (best["wins"], best["steps"])
     assert {result.seed for result in periodic} != {final.seed}
 
@@ -109,6 +109,22 @@ def test_going_back_behind_the_best_forgets_it(tmp_path):
     assert directory.best_path.with_name("best.pt.abandoned").is_file()
     history = checkpoint.read(directory.newest_checkpoint())["evaluations"]
     assert [row["steps"] for row in history] == [2 * ITERATION, 4 * ITERATION, 6 * ITERATION]
+    assert directory.best_path.is_file()
+
+
+def test_going_on_from_the_best_leaves_a_checkpoint_at_once(tmp_path, monkeypatch):
+    config = scored()
+    run(config, out=tmp_path / "r")
+    directory = RunDir(tmp_path / "r")
+    best = checkpoint.read(directory.best_path)
+
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("apil_core.session.Session.go", killed)
+    with pytest.raises(KeyboardInterrupt):
+        resume(directory.path, checkpoint_path=Path("best"), steps=9 * ITERATION)
+    assert directory.newest_checkpoint() == directory.checkpoint_path(best["iteration"])
     assert directory.best_path.is_file()
 
 
@@ -132,11 +148,12 @@ def test_a_condition_ends_the_training_and_its_score_follows(tmp_path):
     assert resume(tmp_path / "r").steps == 4 * ITERATION
 
 
-def test_a_run_killed_in_its_last_score_stays_stopped(tmp_path):
+@pytest.mark.parametrize("steps", [None, 6 * ITERATION])  # a benchmark always says how many
+def test_a_run_killed_in_its_last_score_stays_stopped(tmp_path, steps):
     config = scored(stop_when={"win_rate_above": 0.0})
     run(config, out=tmp_path / "r")
     (tmp_path / "r" / "result.json").unlink()
-    result = resume(tmp_path / "r")
+    result = resume(tmp_path / "r", steps=steps)
     assert (result.status, result.steps) == ("finished", 2 * ITERATION)
     assert result.stopped
 

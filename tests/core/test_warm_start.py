@@ -72,6 +72,15 @@ def test_the_clone_acts_as_its_teacher(teacher):
     trainer.attack.game.close()
 
 
+def test_a_teacher_may_see_the_victims_action(tmp_path):
+    plugins = default_plugins()
+    oracle = {"apil": {"prediction": "oracle"}}
+    run(starting(None, "apil", steps=ITERATION, options=oracle), out=tmp_path / "oracle")
+    trainer = Trainer(build(starting(f"run:{tmp_path / 'oracle'}"), plugins), plugins)
+    assert load_teacher(trainer, f"run:{tmp_path / 'oracle'}").info.action_size == 2
+    trainer.attack.game.close()
+
+
 def test_the_critic_is_fitted_and_the_policy_stays(teacher):
     plugins = default_plugins()
     trainer = Trainer(build(starting(f"run:{teacher}"), plugins), plugins)

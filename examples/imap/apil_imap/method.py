@@ -55,7 +55,8 @@ class Imap(Method):
         self.mimic: Mimic | None = None
         if bonus == "divergence":
             sizes = setup.adversary.observation_size, setup.adversary.action_size
-            self.mimic = Mimic(*sizes, options.mimic, setup.ppo.init_std).to(device)
+            unit = setup.adversary.action_limit if setup.ppo.action_unit == "limit" else 1.0
+            self.mimic = Mimic(*sizes, options.mimic, unit * setup.ppo.init_std).to(device)
         self.scale: ReturnNormalizer | None = None
         self._opening: Tensor | None = None
         self._won = torch.zeros((), dtype=torch.long, device=device)
