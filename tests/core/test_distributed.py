@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from apil_core import ConfigError, RunDirError, checkpoint, resume
+from apil_core import ConfigError, RunDirError, checkpoint, evaluate, resume
 from apil_core.config_io import dump_yaml
 from apil_core.distributed.merging import merged
 from apil_core.distributed.moments import pooled
@@ -149,7 +149,11 @@ def test_methods_hear_of_an_iteration_in_every_process_observers_in_the_first(tr
 def test_only_the_newest_parts_stay(trained):
     names = {path.name for path in RunDir(trained[0] / "e_apil").checkpoint_dir.iterdir()}
     kept = {f"iteration-{i:08d}.pt" for i in (2, 3, 4)}
-    assert names == kept | {f"{name}.rank1" for name in kept}
+    assert names == {"best.pt"} | kept | {f"{name}.rank1" for name in kept}
+
+
+def test_the_best_of_several_processes_can_be_scored(trained):
+    assert evaluate(trained[0] / "e_apil", checkpoint_path="best", episodes=4).trained_steps
 
 
 def test_another_number_of_processes_is_refused(trained):
