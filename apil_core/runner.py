@@ -29,6 +29,7 @@ from apil_core.rundir import RunDir, part_of_rank
 from apil_core.session import RunResult as RunResult
 from apil_core.session import Session
 from apil_core.specs import load
+from apil_core.torch_threads import one_torch_thread
 from apil_core.trainer import Trainer
 from apil_core.warm_start import load_teacher
 
@@ -203,7 +204,8 @@ def _trainer(config: RunConfig, registry: PluginRegistry, world: World) -> Train
             raise UnknownNameError("recorder", name, registry.recorders)
         if registry.recorders[name].check and world.is_main:
             load(registry.recorders[name].check)()
-    return Trainer(build(config, registry, world=world), registry)
+    with one_torch_thread():  # first weights and first actions must not depend on the number of cores
+        return Trainer(build(config, registry, world=world), registry)
 
 
 def _initialise(trainer: Trainer, source: Path) -> None:
