@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -29,6 +30,11 @@ def absent(value: Any) -> Absent:
     sections in lists and dicts are not.
     """
     return Absent(value)
+
+
+def _path_text(value: Any) -> Any:
+    """Paths as text; nothing else becomes one."""
+    return str(value) if isinstance(value, Path) else value
 
 
 class Section(BaseModel):
@@ -186,7 +192,7 @@ class RunConfig(Section):
     """Observers, and plugins with run hooks of their own, that are switched on, in this order."""
     plugins: tuple[str, ...] = ()
     """One-file plugins (paths) to load before anything else."""
-    init_from: Annotated[str, BeforeValidator(lambda value: str(value))] | None = None
+    init_from: Annotated[str, BeforeValidator(_path_text)] | None = None
     """Run directory to start from, or policy (zoo:…, run:…) to clone first."""
     init_steps: Annotated[int, Field(gt=0)] = 200_000
     """Environment steps of the budget in which a policy named by init_from is cloned and its value learnt."""

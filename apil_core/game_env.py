@@ -24,7 +24,7 @@ from apil_core.method import Run
 from apil_core.normalize import ObservationNormalizer, ReturnNormalizer
 from apil_core.observation_filter import ObservationFilter
 from apil_core.policy import Policy
-from apil_core.rewards import annealing, training_reward
+from apil_core.rewards import dense_share, training_reward
 from apil_core.rollout_buffer import RolloutBuffer
 from apil_core.run_hooks import RunHookManager
 from apil_core.specs import RewardWeights
@@ -189,7 +189,7 @@ class AttackEnv:
     def _step_batch(self, pending: Pending, actions: Tensor, result: GameStep) -> StepBatch:
         seats = [self.side, 1 - self.side]
         played = self.steps if self.run is None else self.run.steps
-        c = annealing(self.weights, played, self.config.reward.anneal_budget or self.config.steps)
+        c = dense_share(self.config, self.weights, played)
         reward, victim_reward = self._tensor(training_reward(result, self.weights, c)[seats]).float()
         done = self._tensor(result.done)
         winner = self._tensor(result.winner)

@@ -124,6 +124,20 @@ class PairingOptions(TypedDict, total=False):
     victim_seat: Literal[0, 1] | None
 
 
+def as_in_run(config: RunConfig, plugins: PluginRegistry) -> PairingOptions:
+    """How a named policy plays in place of a run's adversary: its game, victim and ways to act."""
+    modes = config.evaluation
+    return {
+        "env": config.env,
+        "victim": config.victim,
+        "game_options": config.game,
+        "plugins": plugins,
+        "trust": config.trust,
+        "adversary_actions": modes.adversary_actions,
+        "victim_actions": modes.victim_actions,
+    }
+
+
 def load_pairing(
     adversary: Path | str,
     *,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from apil_core.config import RewardConfig
+from apil_core.config import RewardConfig, RunConfig
 from apil_core.game import Array, GameStep
 from apil_core.specs import RewardWeights
 
@@ -20,6 +20,11 @@ def annealing(weights: RewardWeights, steps: int, total_steps: int) -> float:
     """The dense share c after ``steps`` of ``total_steps`` environment steps: linear from 1 to 0."""
     span = weights.anneal_fraction * total_steps
     return max(0.0, 1.0 - steps / span) if span > 0 else 0.0
+
+
+def dense_share(config: RunConfig, weights: RewardWeights, steps: int) -> float:
+    """:func:`annealing` over the run's budget, or over the fixed one that ``reward.anneal_budget`` names."""
+    return annealing(weights, steps, config.reward.anneal_budget or config.steps)
 
 
 def training_reward(step: GameStep, weights: RewardWeights, c: float) -> Array:

@@ -71,31 +71,23 @@ def _own_opponent(run: RunDir, progress: Progress) -> EvaluationResult | None:
     from apil_core.default_victim import default_baseline
     from apil_core.evaluator import evaluate
     from apil_core.observer_options import observers_played
+    from apil_core.pairing import as_in_run
     from apil_core.plugins import discover
 
     config = run.config()
-    plugins, modes = discover(config.plugins), config.evaluation
+    plugins = discover(config.plugins)
     spec = plugins.game(config.env)
     name = default_baseline(spec, plugins)
     if not name or config.victim_side not in (None, spec.victim_side):  # it plays in one seat only
         return None
-    return evaluate(
-        name,
-        env=config.env,
-        victim=config.victim,
-        victim_seat=config.victim_side,
-        episodes=modes.episodes,
-        seed=config.seed,
-        game_options=config.game,
-        observers=observers_played(config),
-        adversary_actions=modes.adversary_actions,
-        victim_actions=modes.victim_actions,
-        plugins=plugins,
-        threads=config.threads,
-        device=config.device,
-        trust=config.trust,
-        progress=progress,
-    )
+    options = as_in_run(config, plugins)
+    options |= {
+        "observers": observers_played(config),
+        "threads": config.threads,
+        "device": config.device,
+    }
+    episodes = config.evaluation.episodes
+    return evaluate(name, episodes=episodes, seed=config.seed, progress=progress, **options)
 
 
 def _unseen(run: RunDir, progress: Progress) -> EvaluationResult:

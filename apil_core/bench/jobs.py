@@ -206,9 +206,7 @@ class Ledger:
         found, stage = read_activations(self.bench, game), self.benchmark.matrix.activations
         if found is None or stage is None or found.games_per_opponent != stage.episodes:
             return False
-        hashes = self._adversaries_sha256(game)
-        unchanged = all(hashes.get(player.label) in (None, player.sha256) for player in found.players)
-        return unchanged and same_players(found.players, self.adversaries(game))
+        return same_players(found.players, self.adversaries(game), self._adversaries_sha256(game))
 
     def _snapshots_done(self, name: str) -> bool:
         return self.bench.snapshot_path(name).is_file()

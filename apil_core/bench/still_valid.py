@@ -26,10 +26,21 @@ def _within(name: str) -> str:
     return name
 
 
-def same_players(stored: Sequence[Player], now: Mapping[str, str]) -> bool:
-    """Whether everybody who is called so now is among the stored ones, under that label."""
-    names = {player.label: player.name for player in stored}
-    return all(label in names and same_player(names[label], name) for label, name in now.items())
+def same_players(stored: Sequence[Player], now: Mapping[str, str], hashes: Mapping[str, str]) -> bool:
+    """Whether everybody who is called so now is among the stored ones, under that label, with these weights.
+
+    Args:
+        stored: who played.
+        now: label → name.
+        hashes: SHA-256 by label, of those whose weights may have changed under the same name.
+    """
+    there = {player.label: player for player in stored}
+    return all(
+        label in there
+        and same_player(there[label].name, name)
+        and hashes.get(label) in (None, there[label].sha256)
+        for label, name in now.items()
+    )
 
 
 def still_valid(

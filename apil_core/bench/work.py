@@ -163,29 +163,18 @@ class _Worker:
     ) -> None:
         """Play and keep scores; ``config`` says what a named policy plays."""
         from apil_core.evaluator import evaluate
-        from apil_core.pairing import PairingOptions
+        from apil_core.pairing import PairingOptions, as_in_run
 
         for name, wanted in scores.items():
-            options: PairingOptions = {
-                "physics": wanted.physics,
-                "observers": wanted.observers,
-                "adversary_actions": wanted.adversary_actions,
-                "victim_actions": wanted.victim_actions,
-                "threads": self.threads,
-            }
-            if config is not None:
-                modes = config.evaluation
-                options |= {
-                    "env": config.env,
-                    "victim": config.victim,
-                    "game_options": config.game,
-                    "plugins": self.benchmark.plugins,
-                    "trust": config.trust,
-                    "adversary_actions": wanted.adversary_actions or modes.adversary_actions,
-                    "victim_actions": wanted.victim_actions or modes.victim_actions,
-                }
-                if wanted.physics is not None:  # a profile hides what the run's options say of physics
-                    options["game_options"] = without_physics(config, self.benchmark.plugins)
+            options: PairingOptions = {} if config is None else as_in_run(config, self.benchmark.plugins)
+            options |= {"physics": wanted.physics, "observers": wanted.observers, "threads": self.threads}
+            if wanted.adversary_actions is not None:
+                options["adversary_actions"] = wanted.adversary_actions
+            if wanted.victim_actions is not None:
+                options["victim_actions"] = wanted.victim_actions
+            # a profile hides what the run's options say of physics
+            if config is not None and wanted.physics is not None:
+                options["game_options"] = without_physics(config, self.benchmark.plugins)
             result = evaluate(
                 adversary,
                 episodes=wanted.episodes,

@@ -13,7 +13,7 @@ from apil_core.pairing import Pairing, load_pairing
 from apil_core.plugins import PluginRegistry
 from apil_core.policy import Policy
 from apil_core.registry import game_spec
-from apil_core.rewards import annealing, resolve_weights, training_reward
+from apil_core.rewards import dense_share, resolve_weights, training_reward
 from apil_core.rundir import RunDir
 from apil_core.seeds import stream_seed
 from apil_core.types import Decision, View
@@ -124,7 +124,7 @@ def play_compared(
 def _games(pairing: Pairing, other: Policy | None, seed: int, plugins: PluginRegistry) -> ComparedGames:
     config, game, side = pairing.config, pairing.game, pairing.side
     weights = resolve_weights(config.reward, game_spec(config.env, plugins).rewards)
-    share = annealing(weights, pairing.steps or 0, config.reward.anneal_budget or config.steps)
+    share = dense_share(config, weights, pairing.steps or 0)
     players, compared = pairing.players(seed), ComparedPolicy(pairing.adversary, other)
     seats = [replace(seat, policy=compared) if i == side else seat for i, seat in enumerate(players.seats)]
     players = replace(players, seats=(seats[0], seats[1]))
