@@ -12,7 +12,7 @@ from cyclopts import Group, Parameter
 from apil_core.cli.flags import Json, Plugins, Quiet, count
 from apil_core.cli.guard import INTERRUPTED, complain
 from apil_core.cli.output import print_json
-from apil_core.config import PPOConfig, RunConfig
+from apil_core.config_layers import preset_names
 from apil_core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def speed(
     num_envs: Annotated[
         list[int] | None,
         Parameter(
-            help=f"Games stepped together, e.g. 16,64,128,256,512 [default: {RunConfig().num_envs}].",
+            help="Games stepped together, e.g. 16,64,128,256,512 [default: as the settings have it].",
             group=_WHAT,
             converter=_numbers,
             metavar="N,…",
@@ -79,17 +79,28 @@ def speed(
             metavar="LEVEL,…",
         ),
     ] = None,
+    preset: Annotated[
+        list[str] | None,
+        Parameter(
+            help=f"Settings of the trainings: {', '.join(preset_names())}; repeatable.",
+            group=_HOW,
+            negative=(),
+            metavar="NAME",
+        ),
+    ] = None,
     victim: Annotated[str, Parameter(help="Policy under attack; auto: the game's.", group=_HOW)] = "auto",
     seconds: Annotated[
         float,
         Parameter(help="Time for each setting; three rounds are made whatever they take.", group=_HOW),
     ] = 300.0,
     batch: Annotated[
-        int,
+        int | None,
         Parameter(
-            help="Environment steps of a block, which are PPO's batch too.", converter=count, group=_HOW
+            help="Environment steps of a block, which are PPO's batch [default: as the settings have it].",
+            converter=count,
+            group=_HOW,
         ),
-    ] = RunConfig().num_envs * PPOConfig().num_steps,
+    ] = None,
     out: Annotated[
         Path | None, Parameter(help=f"Directory to keep {REPORT} and {PICTURE} in.", group=_HOW)
     ] = None,
@@ -119,6 +130,7 @@ def speed(
         "threads": threads,
         "physics": physics,
         "levels": levels,
+        "presets": preset,
     }
     given = {name: value for name, value in axes.items() if value is not None}
     plugins = discover(plugin or [])

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
-from pydantic import ValidationError
-
-from apil_core.config import PPOConfig, RunConfig
+from apil_core.config import RunConfig
+from apil_core.config_io import resolve
 from apil_core.doctor.processor import usable_cpus
 from apil_core.errors import ConfigError, UnknownNameError
 from apil_core.plugins import PluginRegistry
@@ -20,9 +19,6 @@ from apil_core.speed.report import LEVELS, Level
 
 ALL = "all"
 """Stands for every game that has a victim."""
-
-BATCH = RunConfig().num_envs * PPOConfig().num_steps
-"""Environment steps of a block, unless told otherwise: a run's own batch."""
 
 PROFILE = "physics"
 """The game option that names a profile."""
@@ -37,24 +33,26 @@ class SpeedRequest:
     Attributes:
         envs: games, or :data:`ALL`.
         methods: of training.
-        num_envs: games stepped together.
+        presets: settings of the trainings, besides the default ones.
+        num_envs: games stepped together; empty: as the settings have it.
         threads: of the physics; 0: all CPUs.
         levels: which are reported; physics always is, where it can be timed.
         physics: profiles; empty: the games' own.
         victim: under attack, or ``auto``.
-        batch: environment steps of a block, and PPO's batch.
+        batch: environment steps of a block, and PPO's batch; None: the settings' own.
         seconds: to spend on a cell.
         trust: the victim may run code of the user's.
     """
 
     envs: Sequence[str] = ("kick-and-defend",)
     methods: Sequence[str] = ("adrl", "e_apil")
-    num_envs: Sequence[int] = (RunConfig().num_envs,)
+    presets: Sequence[str] = ()
+    num_envs: Sequence[int] = ()
     threads: Sequence[int] = (0,)
     levels: Sequence[str] = LEVELS
     physics: Sequence[str] = ()
     victim: str = "auto"
-    batch: int = BATCH
+    batch: int | None = None
     seconds: float = 300.0
     trust: bool = False
 
@@ -96,10 +94,15 @@ def make_plan(request: SpeedRequest, plugins: PluginRegistry) -> list[CellPlan]:
     methods = dict.fromkeys(request.methods)
     for method in methods:
         plugins.method_chain(method)
-    sizes = list(product(dict.fromkeys(request.num_envs), dict.fromkeys(request.threads)))
+    base = resolve(presets=request.presets, plugins=plugins)
+    batch = request.batch or base.num_envs * base.ppo.num_steps
+    sizes = list(product(dict.fromkeys(request.num_envs or [base.num_envs]), dict.fromkeys(request.threads)))
     cells = [
         CellPlan(
-            {method: _config(request, method, env, game, *size) for method in methods},
+            {
+                method: _config(request, plugins, batch, *size, {"method": method, "env": env, **game})
+                for method in methods
+            },
             levels,
             request.seconds,
         )
@@ -126,7 +129,7 @@ def _games(names: Sequence[str], plugins: PluginRegistry) -> list[str]:
 
 
 def _options(env: str, request: SpeedRequest, plugins: PluginRegistry) -> list[dict[str, Any]]:
-    """Options of the game for each profile; without profiles it has its turn once if all games are meant.
+    """Settings of the game for each profile; without profiles it has its turn once if all games are meant.
 
     Raises:
         ConfigError: it was named and has no profiles, or not these.
@@ -138,14 +141,19 @@ def _options(env: str, request: SpeedRequest, plugins: PluginRegistry) -> list[d
         if ALL in request.envs:
             return [{}]
         raise ConfigError(f"game {env!r} has no physics profiles; leave out --physics")
-    options = [{PROFILE: profile} for profile in dict.fromkeys(request.physics)]
-    for each in options:
-        options_model(reference, each, f"game {env}")
-    return options
+    profiles = dict.fromkeys(request.physics)
+    for profile in profiles:
+        options_model(reference, {PROFILE: profile}, f"game {env}")
+    return [{f"game.{PROFILE}": profile} for profile in profiles]
 
 
 def _config(
-    request: SpeedRequest, method: str, env: str, game: dict[str, Any], num_envs: int, threads: int
+    request: SpeedRequest,
+    plugins: PluginRegistry,
+    batch: int,
+    num_envs: int,
+    threads: int,
+    settings: dict[str, Any],
 ) -> RunConfig:
     """A training's configuration.
 
@@ -155,19 +163,14 @@ def _config(
     for name, value, least in (("--num-envs", num_envs, 1), ("--threads", threads, 0)):
         if value < least:
             raise ConfigError(f"{name}: {value} is less than {least}")
-    if request.batch % num_envs or request.batch < num_envs:
-        raise ConfigError(f"--batch {request.batch} is no multiple of {num_envs} games")
-    try:
-        return RunConfig(
-            method=method,
-            env=env,
-            victim=request.victim,
-            trust=request.trust,
-            num_envs=num_envs,
-            threads=threads or usable_cpus(),
-            steps=_FOR_EVER,
-            ppo=PPOConfig(num_steps=request.batch // num_envs),
-            game=game,
-        )
-    except ValidationError as error:
-        raise ConfigError(error.errors()[0]["msg"].removeprefix("Value error, ")) from error
+    if batch % num_envs or batch < num_envs:
+        raise ConfigError(f"--batch {batch} is no multiple of {num_envs} games")
+    flags = settings | {
+        "victim": request.victim,
+        "trust": request.trust,
+        "num_envs": num_envs,
+        "threads": threads or usable_cpus(),
+        "steps": _FOR_EVER,
+        "ppo.num_steps": batch // num_envs,
+    }
+    return resolve(presets=request.presets, flags=flags, plugins=plugins)

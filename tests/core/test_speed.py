@@ -185,13 +185,22 @@ def test_cells_are_all_combinations() -> None:
     request = SpeedRequest(envs=["sumo-ants", "toy-pursuit"], num_envs=[16, 32, 16], threads=[1, 2])
     cells = make_plan(request, default_plugins())
     assert [str(cell) for cell in cells[:2]] == [
-        "sumo-ants, 16 games, 1 thread",
-        "sumo-ants, 16 games, 2 threads",
+        "sumo-ants (faithful), 16 games, 1 thread",
+        "sumo-ants (faithful), 16 games, 2 threads",
     ]
     assert len(cells) == 8
     configs = [cell.any_config for cell in cells]
     assert {config.num_envs * config.ppo.num_steps for config in configs} == {128 * 128}
     assert list(cells[0].configs) == ["adrl", "e_apil"]
+
+
+def test_a_preset_gives_games_batch_and_what_is_learnt() -> None:
+    (cell,) = make_plan(SpeedRequest(presets=["efficient"]), default_plugins())
+    for config in cell.configs.values():
+        assert (config.num_envs, config.ppo.num_steps, config.ppo.minibatches) == (32, 128, 8)
+    assert cell.configs["e_apil"].options["apil"]["discriminator"]["minibatches"] == 8
+    (wide,) = make_plan(SpeedRequest(presets=["efficient"], num_envs=[128]), default_plugins())
+    assert (wide.any_config.ppo.num_steps, wide.any_config.ppo.action_unit) == (32, "limit")
 
 
 def test_all_games_are_those_that_have_a_victim() -> None:
