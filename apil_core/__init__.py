@@ -92,7 +92,6 @@ if TYPE_CHECKING:
     from apil_core.errors import RunDirError as RunDirError
     from apil_core.errors import UnknownNameError as UnknownNameError
     from apil_core.errors import VictimError as VictimError
-    from apil_core.evaluation import EvaluationResult as EvaluationResult
     from apil_core.evaluator import evaluate as evaluate
     from apil_core.game import NO_WINNER as NO_WINNER
     from apil_core.game import Colour as Colour
@@ -122,6 +121,7 @@ if TYPE_CHECKING:
     from apil_core.profiles import ProfiledOptions as ProfiledOptions
     from apil_core.registry import load_policy as load_policy
     from apil_core.registry import make_game as make_game
+    from apil_core.results import EvaluationResult as EvaluationResult
     from apil_core.returns import gae as gae
     from apil_core.returns import normalize_advantages as normalize_advantages
     from apil_core.runner import RunResult as RunResult

@@ -7,54 +7,24 @@ adversary: what is won through the victim's eyes is what makes an attack adversa
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, get_args
 
 import torch
 from torch import Tensor
 
-from apil_core.config import BlindMode as BlindMode
+from apil_core.config import BlindMode
 from apil_core.errors import ConfigError, UnknownNameError
 from apil_core.seeds import stream_seed
-from apil_core.types import View
 
 if TYPE_CHECKING:
     from apil_core.pairing import Pairing
+from apil_core.play import Blinding
 
 STARTS = 1024
 """Starting states behind a typical value, at least."""
 
 _SEED, _STREAM = 0, "blinding starts"
 # not the evaluation's seed: what stands in for the opponent belongs to the game, not to the games played
-
-
-@dataclass(frozen=True)
-class Blinding:
-    """What a player sees in place of its opponent: the same in every game and step.
-
-    Attributes:
-        hidden: (o,) bool, the columns of its own observation that are replaced.
-        own: (o,) float32, what stands in those columns; the others are not read.
-        opponent: (o',) float32, what stands in place of the opponent's observation, and zeros in place
-            of its action; ``None``: both stay as they are.
-    """
-
-    hidden: Tensor
-    own: Tensor
-    opponent: Tensor | None = None
-
-    def __call__(self, view: View) -> View:
-        """The view that is left; ``view`` itself is not changed."""
-        own = torch.where(self.hidden, self.own, view.own)
-        if self.opponent is None:
-            return View(own, view.opponent, view.first, view.opponent_action)
-        action = view.opponent_action
-        return View(
-            own=own,
-            opponent=self.opponent.expand_as(view.opponent),
-            first=view.first,
-            opponent_action=None if action is None else torch.zeros_like(action),
-        )
 
 
 def check_blinding(mode: str | None, *, imitator: bool) -> None:

@@ -14,9 +14,10 @@ from apil_core.crossplay_file import CrossPlayFile
 from apil_core.crossplay_players import Lineup, Names, SharedOptions, check_unchanged, line_up
 from apil_core.crossplay_progress import PartOfAll
 from apil_core.errors import ConfigError
-from apil_core.evaluation import MAX_PARALLEL_GAMES, EvaluationResult
+from apil_core.evaluation import MAX_PARALLEL_GAMES
 from apil_core.evaluator import evaluate
 from apil_core.progress import Progress
+from apil_core.results import EvaluationResult
 
 
 def crossplay(

@@ -7,10 +7,9 @@ from typing import Literal, Self, get_args
 
 from pydantic import BaseModel, model_validator
 
-from apil_core.circumstances import PolicyId
 from apil_core.difference import Difference, difference
-from apil_core.evaluation import EvaluationResult, Rate
 from apil_core.json_document import JsonDocument
+from apil_core.results import EvaluationResult, PolicyId, Rate
 
 Share = Literal["win", "win_or_tie"]
 """Games the adversary won; games it did not lose."""

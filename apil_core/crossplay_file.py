@@ -12,8 +12,8 @@ from filelock import FileLock, Timeout
 from apil_core.crossplay_document import CrossPlay, Player
 from apil_core.crossplay_players import Lineup, settings
 from apil_core.errors import ConfigError
-from apil_core.evaluation import EvaluationResult
 from apil_core.files import check_place
+from apil_core.results import EvaluationResult
 
 
 class CrossPlayFile:

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypedDict
 
-from apil_core.circumstances import Circumstances, PolicyId, circumstances
 from apil_core.config import ActionMode, RunConfig
 from apil_core.crossplay_document import Player
 from apil_core.errors import ConfigError, RunDirError
-from apil_core.observer_options import in_words
-from apil_core.pairing import Pairing, load_pairing
+from apil_core.pairing import Pairing, circumstances, load_pairing
 from apil_core.plugins import PluginRegistry
 from apil_core.profiles import Profile
+from apil_core.results import Circumstances, PolicyId, in_words
 from apil_core.trained import Source, run_path
 
 Names = Mapping[str, Path | str]

@@ -11,10 +11,10 @@ from pydantic import BaseModel
 
 from apil_core.episodes import WINDOW
 from apil_core.errors import ConfigError, RunDirError
-from apil_core.evaluation import EvaluationResult, Rate
 from apil_core.final_score import final_scores
 from apil_core.game_options import stored_physics
 from apil_core.recorders import read_metrics
+from apil_core.results import EvaluationResult, Rate
 from apil_core.rundir import RunDir
 
 LEAST_GAMES = 20

@@ -6,54 +6,17 @@ import time
 from collections import Counter
 from typing import Any
 
-from pydantic import BaseModel
-
-from apil_core.blinding import BlindMode, make_blinding
-from apil_core.circumstances import Circumstances, circumstances
+from apil_core.blinding import make_blinding
+from apil_core.config import BlindMode
 from apil_core.game import Game
-from apil_core.pairing import Pairing
+from apil_core.pairing import Pairing, circumstances
 from apil_core.play import Tally, play
 from apil_core.progress import Progress
+from apil_core.results import EvaluationResult, wilson
 from apil_core.seeds import stream_seed
 
 MAX_PARALLEL_GAMES = 128
 """Slots of an evaluation unless asked otherwise. Fixed, so that a seed gives the same games anywhere."""
-
-
-class Rate(BaseModel):
-    """A share of games with its Wilson 95 % interval, as fractions."""
-
-    value: float
-    low: float
-    high: float
-
-
-class EvaluationResult(Circumstances):
-    """A score and all it depends on. ``wins`` and the like are the adversary's."""
-
-    episodes: int
-    wins: int
-    ties: int
-    losses: int
-    win_rate: Rate
-    tie_rate: Rate
-    loss_rate: Rate
-    win_or_tie_rate: Rate
-    causes: dict[str, int]
-    mean_length: float
-    blind: BlindMode | None = None
-    blind_imitator: bool = False
-    blind_victim: BlindMode | None = None
-    wall_seconds: float
-
-
-def wilson(count: int, total: int) -> Rate:
-    """Share ``count / total`` with the Wilson score interval at 95 %."""
-    from statsmodels.stats.proportion import proportion_confint
-
-    low, high = proportion_confint(count, total, alpha=0.05, method="wilson")
-    # rounding leaves 4e-18 where the interval starts at nought
-    return Rate(value=count / total, low=max(float(low), 0.0) if count else 0.0, high=min(float(high), 1.0))
 
 
 def score(

@@ -10,74 +10,17 @@ from collections.abc import Callable, Iterable
 from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
-from pydantic import BaseModel, computed_field
-
-from apil_core.difference import Difference, difference
 from apil_core.errors import UnknownNameError, VictimError
-from apil_core.evaluation import EvaluationResult, Rate
 from apil_core.evaluator import evaluate
 from apil_core.fidelity_plan import RowPlan
 from apil_core.plugins import PluginRegistry
 from apil_core.progress import Progress
 from apil_core.registry import load_policy
+from apil_core.results import EvaluationResult
 
 if TYPE_CHECKING:
     from apil_core.fidelity_file import FidelityFile
-
-
-class Figure(BaseModel):
-    """One share beside its published value.
-
-    Attributes:
-        measured: share of games, with its Wilson interval.
-        published: per cent, or ``None``.
-        difference: measured minus published, with Newcombe's interval; ``None`` without a published one.
-    """
-
-    measured: Rate
-    published: float | None = None
-    difference: Difference | None = None
-
-    @computed_field  # type: ignore[prop-decorator]
-    @property
-    def verdict(self) -> str:
-        """``agrees: +1.2 [-2.8, 5.2]`` or ``differs by +5.2 [1.3, 9.1]``, in points; empty if unpublished."""
-        if self.difference is None:
-            return ""
-        what = "agrees:" if self.difference.within_noise else "differs by"
-        value, low, high = (
-            100 * x for x in (self.difference.value, self.difference.low, self.difference.high)
-        )
-        return f"{what} {value:+.1f} [{low:.1f}, {high:.1f}]"
-
-
-class FidelityRow(BaseModel):
-    """A row that was played: its plan, the score, and both figures beside the published ones."""
-
-    plan: RowPlan
-    result: EvaluationResult
-
-    @computed_field  # type: ignore[prop-decorator]
-    @property
-    def win(self) -> Figure:
-        """The adversary's wins."""
-        score = self.plan.published
-        return self._figure(self.result.wins, self.result.win_rate, None if score is None else score.win)
-
-    @computed_field  # type: ignore[prop-decorator]
-    @property
-    def win_or_tie(self) -> Figure:
-        """The adversary's wins and ties."""
-        score, count = self.plan.published, self.result.wins + self.result.ties
-        return self._figure(count, self.result.win_or_tie_rate, None if score is None else score.win_or_tie)
-
-    def _figure(self, count: int, measured: Rate, percent: float | None) -> Figure:
-        score = self.plan.published
-        if score is None or percent is None:
-            return Figure(measured=measured)
-        base = round(percent * score.games / 100)
-        compared = difference(count, self.result.episodes, base, score.games)
-        return Figure(measured=measured, published=percent, difference=compared)
+from apil_core.fidelity_file import FidelityRow
 
 
 def missing_policy(plugins: PluginRegistry) -> Callable[[str], str | None]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from apil_core.errors import RunDirError
-from apil_core.evaluation import EvaluationResult
+from apil_core.results import EvaluationResult
 from apil_core.rundir import RunDir
 
 

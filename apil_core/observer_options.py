@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError, create_model
 
@@ -16,9 +16,8 @@ from apil_core.plugins import PluginRegistry
 from apil_core.specs import titled
 
 if TYPE_CHECKING:
-    from apil_core.circumstances import Circumstances
+    pass
 
-_Score = TypeVar("_Score", bound="Circumstances")
 
 Observers = Mapping[str, Mapping[str, Any]]
 """Names of observers, each with options that differ from its defaults."""
@@ -85,22 +84,3 @@ def _owner(assignment: str) -> str:
     """Whose option a ``options.NAME…=VALUE`` is, or nothing."""
     section, _, rest = assignment.partition("=")[0].strip().partition(".")
     return rest.partition(".")[0] if section == "options" else ""
-
-
-def told(score: _Score, config: RunConfig) -> _Score:
-    """``score`` of a run, with its observers filled in where it is from before scores told them."""
-    known = score.observers is not None
-    return score if known else score.model_copy(update={"observers": observers_played(config)})
-
-
-def in_words(observers: Observers) -> list[str]:
-    """One text for each, e.g. ``masked_observation (way=mean, share=0.5)``."""
-    return [
-        f"{name} ({', '.join(f'{key}={value}' for key, value in options.items())})" if options else name
-        for name, options in observers.items()
-    ]
-
-
-def observers_played(config: RunConfig) -> dict[str, dict[str, Any]]:
-    """The observers of a configuration, each with its options."""
-    return {name: config.options.get(name, {}) for name in config.observers}

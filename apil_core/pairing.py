@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
@@ -23,6 +24,7 @@ from apil_core.plugins import PluginRegistry, discover
 from apil_core.policy import Policy
 from apil_core.profiles import Profile
 from apil_core.registry import default_plugins, make_game
+from apil_core.results import PolicyId, observers_played
 from apil_core.run_hooks import RunHookManager
 from apil_core.seats import BASELINES, Taking, load_victim, run_victim, victim_side
 from apil_core.seeds import stream_generator, stream_seed
@@ -270,3 +272,27 @@ def _adjust(
         config.evaluation.adversary_actions = adversary_actions
     if victim_actions is not None:
         config.evaluation.victim_actions = victim_actions
+
+
+_PACKAGES = ("apil", "mujoco", "torch", "numpy")
+
+
+def circumstances(pairing: Pairing, seed: int) -> dict[str, Any]:
+    """The fields of :class:`Circumstances` for games of that pairing."""
+    config, sides = pairing.config, pairing.game.layout.sides
+    return {
+        "env": config.env,
+        "adversary": PolicyId.of(pairing.adversary.info),
+        "victim": PolicyId.of(pairing.victim.info),
+        "adversary_side": sides[pairing.side].name,
+        "victim_side": sides[1 - pairing.side].name,
+        "adversary_actions": config.evaluation.adversary_actions,
+        "victim_actions": config.evaluation.victim_actions,
+        "seed": seed,
+        "num_envs": pairing.game.num_envs,
+        "trained_steps": pairing.steps,
+        "game_options": config.game,
+        "game_settings": pairing.game.settings,
+        "observers": observers_played(config),
+        "versions": {name: metadata.version(name) for name in (*_PACKAGES, *pairing.game.packages)},
+    }

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from apil_core.blinding import Blinding
 from apil_core.game import Game
 from apil_core.observation_filter import ObservationFilter
 from apil_core.policy import Policy
 from apil_core.types import View
+
+if TYPE_CHECKING:
+    pass
 
 
 @dataclass
@@ -127,3 +130,32 @@ def play(
         if on_progress is not None:
             on_progress(len(tally.winners))
     return tally
+
+
+@dataclass(frozen=True)
+class Blinding:
+    """What a player sees in place of its opponent: the same in every game and step.
+
+    Attributes:
+        hidden: (o,) bool, the columns of its own observation that are replaced.
+        own: (o,) float32, what stands in those columns; the others are not read.
+        opponent: (o',) float32, what stands in place of the opponent's observation, and zeros in place
+            of its action; ``None``: both stay as they are.
+    """
+
+    hidden: Tensor
+    own: Tensor
+    opponent: Tensor | None = None
+
+    def __call__(self, view: View) -> View:
+        """The view that is left; ``view`` itself is not changed."""
+        own = torch.where(self.hidden, self.own, view.own)
+        if self.opponent is None:
+            return View(own, view.opponent, view.first, view.opponent_action)
+        action = view.opponent_action
+        return View(
+            own=own,
+            opponent=self.opponent.expand_as(view.opponent),
+            first=view.first,
+            opponent_action=None if action is None else torch.zeros_like(action),
+        )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from apil_core.config import RunConfig
-    from apil_core.evaluation import EvaluationResult
+    from apil_core.results import EvaluationResult
 
 
 class Progress:

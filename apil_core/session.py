@@ -13,7 +13,6 @@ from apil_core import checkpoint
 from apil_core.best import EvaluationHistory
 from apil_core.distributed.join import in_contact
 from apil_core.errors import ApilError
-from apil_core.evaluation import EvaluationResult
 from apil_core.files import sha256
 from apil_core.log_rows import Row, RowLog, iterations_per_row, open_recorders
 from apil_core.memory import resident_mb
@@ -22,12 +21,14 @@ from apil_core.plugin_state import states_of
 from apil_core.plugins import PluginRegistry
 from apil_core.policy import Policy
 from apil_core.progress import Progress
+from apil_core.results import EvaluationResult
 from apil_core.rundir import RunDir, part_of_rank
 from apil_core.seats import victim_name
 from apil_core.seeds import stream_seed
 from apil_core.stop_signal import Stopped, StopWish
 from apil_core.torch_threads import one_torch_thread
 from apil_core.trainer import Trainer
+from apil_core.trainer_score import score_in_training
 from apil_core.warm_start import beside_teacher, warm_start
 
 
@@ -208,7 +209,7 @@ class Session:
         trainer, wanted = self.trainer, self.config.evaluation
         # the final score must not be of the games that the best was chosen by
         seed = stream_seed(self.config.seed, "evaluation during training")
-        result = trainer.evaluate(wanted.periodic_episodes, self.progress, seed=seed)
+        result = score_in_training(trainer, wanted.periodic_episodes, self.progress, seed=seed)
         self.progress.evaluation(result, trainer.steps)
         self.history.add(result, trainer.steps)
         if reason := self.history.why_stop(wanted.stop_when):
@@ -248,7 +249,7 @@ class Session:
             )
 
     def _evaluate(self, episodes: int, **options: Any) -> EvaluationResult:
-        result = self.trainer.evaluate(episodes, self._wish.progress, **options)
+        result = score_in_training(self.trainer, episodes, self._wish.progress, **options)
         self.progress.evaluation(result, self.trainer.steps)
         return result
 

@@ -9,8 +9,8 @@ from typing import TypeVar
 from pydantic import BaseModel
 
 from apil_core.errors import ApilError
-from apil_core.evaluation import EvaluationResult
 from apil_core.progress import Progress
+from apil_core.results import EvaluationResult
 from apil_core.rundir import RunDir
 
 Made = TypeVar("Made")
@@ -70,9 +70,9 @@ def _attempt(made: Souvenirs, lack: str, make: Callable[[], Made]) -> Made | Non
 def _own_opponent(run: RunDir, progress: Progress) -> EvaluationResult | None:
     from apil_core.default_victim import default_baseline
     from apil_core.evaluator import evaluate
-    from apil_core.observer_options import observers_played
     from apil_core.pairing import as_in_run
     from apil_core.plugins import discover
+    from apil_core.results import observers_played
 
     config = run.config()
     plugins = discover(config.plugins)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -11,22 +10,17 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from apil_core.build import Attack, adversary_policy, observing_alone
+from apil_core.build import Attack
 from apil_core.distributed.merging import merged
 from apil_core.distributed.replicas import Replicas
 from apil_core.doctor.processor import usable_cpus
 from apil_core.errors import PluginError
-from apil_core.evaluation import MAX_PARALLEL_GAMES, EvaluationResult, score
 from apil_core.learner import MAIN_STREAM
 from apil_core.method import Observer, RunPlugin
-from apil_core.pairing import Pairing
 from apil_core.plugin_state import load_known_states, load_states, states_of
 from apil_core.plugins import PluginRegistry
-from apil_core.policy import Policy, PolicyInfo
-from apil_core.progress import Progress
-from apil_core.registry import make_game
+from apil_core.policy import Policy
 from apil_core.run_hooks import shown
-from apil_core.seats import run_victim
 from apil_core.side_games import SideGames
 from apil_core.torch_threads import side_by_side
 from apil_core.types import Rollout
@@ -205,56 +199,7 @@ class Trainer:
             raise PluginError(text)
         return self.side_games.collect(victim_side_policy, steps)
 
-    def evaluate(
-        self,
-        episodes: int,
-        progress: Progress,
-        name: str = "",
-        sha256: str = "in memory",
-        seed: int | None = None,
-        adversary: Policy | None = None,
-    ) -> EvaluationResult:
-        """Score the adversary (or another) without touching the training games or their randomness.
-
-        Methods are rebuilt from their state, so that what they carry from step to step stays apart.
-
-        Args:
-            episodes: number of games.
-            progress: told of the games played.
-            name, sha256: identity of the adversary, for the result.
-            seed: of the games and all draws; default: the run's.
-            adversary: whom to score instead.
-        """
-        config, side = self.config, self.adversary_side
-        seed = config.seed if seed is None else seed
-        seat = self.layout.sides[side]
-        name = name or f"run at {self.steps} steps"
-        info = PolicyInfo(name, sha256, seat.observation_size, seat.action_size)
-        with torch.random.fork_rng(devices=[]):
-            game = make_game(
-                config.env,
-                num_envs=min(episodes, MAX_PARALLEL_GAMES),
-                threads=config.threads,
-                options=config.game,
-                plugins=self.plugins,
-            )
-            try:
-                victim = run_victim(config, game, self.plugins, seed)
-                if adversary is None:
-                    state = copy.deepcopy(self._policy_state())
-                    own = adversary_policy(state, info, config, game.layout, side, self.plugins, seed)
-                    pairing = Pairing(config, game, own, victim, side, own.hooks, self.steps)
-                else:
-                    hooks = observing_alone(config, game.layout, side, self.plugins)
-                    pairing = Pairing(config, game, adversary, victim, side, hooks)
-                result = score(pairing, episodes=episodes, seed=seed, progress=progress)
-            finally:
-                game.close()
-        if adversary is None:
-            self.hook.evaluation_finished(run=self, result=result.model_dump(mode="json"))
-        return result
-
-    def _policy_state(self) -> dict[str, Any]:
+    def policy_state(self) -> dict[str, Any]:
         """The part of :meth:`state_dict` that makes the adversary."""
         attack = self.attack
         return {
@@ -273,7 +218,7 @@ class Trainer:
             "steps": self.steps,
             "wall_seconds": self.wall_seconds,
             "processes": self.world.size,
-            **self._policy_state(),
+            **self.policy_state(),
             "env": attack.env.state_dict(),
             "side_games": self.side_games.state_dict(),
             "generators": {name: g.get_state() for name, g in attack.generators.items()},

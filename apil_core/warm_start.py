@@ -16,15 +16,16 @@ from torch import Tensor, nn
 
 from apil_core.distillation.setting import spread_of
 from apil_core.errors import ConfigError
-from apil_core.evaluation import EvaluationResult
 from apil_core.policy import Policy
 from apil_core.progress import Progress
+from apil_core.results import EvaluationResult
 from apil_core.seats import Taking, load_victim
 from apil_core.seeds import stream_generator, stream_seed
 from apil_core.types import OWN_GROUP, View
 
 if TYPE_CHECKING:
     from apil_core.trainer import Trainer
+from apil_core.trainer_score import score_in_training
 
 CLONING_SHARE = 0.6
 """Of the steps; in the others the critic is fitted to the clone, which plays as in training."""
@@ -81,8 +82,8 @@ def beside_teacher(trainer: Trainer, teacher: Policy, progress: Progress) -> str
     """How the clone scores and how its teacher does, in the same games, in one line."""
     episodes = trainer.config.evaluation.periodic_episodes
     seed = stream_seed(trainer.config.seed, "evaluation during training")
-    clone = trainer.evaluate(episodes, progress, seed=seed)
-    own = trainer.evaluate(episodes, progress, seed=seed, adversary=teacher)
+    clone = score_in_training(trainer, episodes, progress, seed=seed)
+    own = score_in_training(trainer, episodes, progress, seed=seed, adversary=teacher)
     return (
         f"warm start: after {trainer.steps:,} steps the clone wins {_wins(clone)} of {episodes} games, "
         f"{teacher.info.name} itself {_wins(own)}"

@@ -1,11 +1,12 @@
-"""Print a hash of what short trainings leave behind, to compare before and after a change that must not change numbers.
+"""Print a hash of each of a few short trainings, to compare around a change that must not change numbers.
 
     python benchmarks/same_bits.py /tmp/before > before.txt     # on the old commit
-    python benchmarks/same_bits.py /tmp/after > after.txt       # on the new one, same machine
+    python benchmarks/same_bits.py /tmp/after > after.txt       # on the new one, on the same machine
     diff before.txt after.txt
 
-Four methods on two games, one run continued, one hardened victim and one student: three iterations each, some minutes in all.
-Hashes cover every tensor and number of the last checkpoint, and every exported file's size. They depend on the processor.
+Four methods on two games, one run continued, one with the preset `efficient`, one hardened victim and one
+student: three iterations each, some minutes in all. Hashes cover every tensor and number of the last
+checkpoint; of exported files the size is printed. They depend on the processor.
 """
 
 from __future__ import annotations

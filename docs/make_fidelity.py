@@ -11,9 +11,8 @@ import sys
 from pathlib import Path
 
 from apil_core.difference import difference
-from apil_core.evaluation import Rate
-from apil_core.fidelity import FidelityRow, Figure
-from apil_core.fidelity_file import read_rows
+from apil_core.fidelity_file import FidelityRow, Figure, read_rows
+from apil_core.results import Rate
 
 HERE = Path(__file__).parent
 PAGE = HERE / "fidelity.md"

@@ -21,8 +21,8 @@ from matplotlib.figure import Figure
 from apil_core.colours import LINES
 from apil_core.difference import Difference
 from apil_core.errors import ApilError
-from apil_core.evaluation import wilson
 from apil_core.fidelity_file import read_rows
+from apil_core.results import wilson
 from apil_envs.options import PhysicsProfile
 
 HERE = Path(__file__).parent

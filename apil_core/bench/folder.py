@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from filelock import FileLock, Timeout
 
@@ -15,6 +15,10 @@ from apil_core.bench.matrix import Matrix, load_matrix
 from apil_core.errors import RunDirError
 from apil_core.files import write_atomically
 from apil_core.rundir import RunDir
+
+if TYPE_CHECKING:
+    from apil_core.activations.models import ActivationMap
+    from apil_core.crossplay_document import CrossPlay
 
 MATRIX_FILE = "matrix.yaml"
 
@@ -209,7 +213,7 @@ def read_score(directory: Path, name: str) -> Any:
     Raises:
         RunDirError: the file is damaged.
     """
-    from apil_core.evaluation import EvaluationResult
+    from apil_core.results import EvaluationResult
 
     path = score_path(directory, name)
     if not path.is_file():
@@ -226,3 +230,27 @@ def write_score(directory: Path, name: str, result: Any) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     text = result.model_dump_json(indent=1).encode() + b"\n"
     write_atomically(path, lambda file: file.write(text))
+
+
+def read_crossplay(bench: BenchDir, game: str) -> CrossPlay | None:
+    """The cross-play of a game, or ``None`` if there is none yet.
+
+    Raises:
+        ConfigError: its file is damaged.
+    """
+    from apil_core.crossplay_document import CrossPlay
+
+    path = bench.crossplay_path(game)
+    return CrossPlay.read(path) if path.is_file() else None
+
+
+def read_activations(bench: BenchDir, game: str) -> ActivationMap | None:
+    """The activations of a game's victim, or ``None`` if there are none yet.
+
+    Raises:
+        ConfigError: its file is damaged.
+    """
+    from apil_core.activations.models import ActivationMap
+
+    path = bench.activations_path(game)
+    return ActivationMap.read(path) if path.is_file() else None

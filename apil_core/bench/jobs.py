@@ -169,7 +169,7 @@ class Ledger:
         return result.get("status") == "finished" and int(result.get("steps", 0)) >= budget
 
     def _crossplay_done(self, game: str) -> bool:
-        from apil_core.bench.stages import read_crossplay
+        from apil_core.bench.folder import read_crossplay
 
         found = read_crossplay(self.bench, game)
         if found is None or self.valid_crossplay(found, game) != found:
@@ -200,7 +200,7 @@ class Ledger:
         return str(result.get("hardened", {}).get("sha256", ""))
 
     def _activations_done(self, game: str) -> bool:
-        from apil_core.bench.stages import read_activations
+        from apil_core.bench.folder import read_activations
         from apil_core.bench.still_valid import same_players
 
         found, stage = read_activations(self.bench, game), self.benchmark.matrix.activations
@@ -227,7 +227,7 @@ def matches(result: Any, wanted: ScoreConfig, cell: Cell, trained: int | None) -
     ``trained`` is ``None`` for the baseline, which has no run and so no run's observers.
     """
     from apil_core.game_options import stored_physics
-    from apil_core.observer_options import observers_played, told
+    from apil_core.results import observers_played, told
 
     if result is None:
         return False

@@ -6,48 +6,22 @@ import shutil
 from typing import TYPE_CHECKING, Any
 
 from apil_core.bench.cells import Cell
-from apil_core.bench.folder import BenchDir
 from apil_core.errors import ConfigError
 from apil_core.game_options import without_physics
 from apil_core.progress import Progress
 from apil_core.rundir import RunDir
 
 if TYPE_CHECKING:
-    from apil_core.activations.models import ActivationMap
     from apil_core.bench.jobs import Ledger
-    from apil_core.crossplay_document import CrossPlay
     from apil_core.crossplay_players import SharedOptions
     from apil_core.profiles import Profile
+from apil_core.bench.folder import read_crossplay
 
 BASELINE = "baseline"
 """Label of a game's own opponent of the victim."""
 
 _TRIES = 60
 """Games looked at for one that the adversary wins."""
-
-
-def read_crossplay(bench: BenchDir, game: str) -> CrossPlay | None:
-    """The cross-play of a game, or ``None`` if there is none yet.
-
-    Raises:
-        ConfigError: its file is damaged.
-    """
-    from apil_core.crossplay_document import CrossPlay
-
-    path = bench.crossplay_path(game)
-    return CrossPlay.read(path) if path.is_file() else None
-
-
-def read_activations(bench: BenchDir, game: str) -> ActivationMap | None:
-    """The activations of a game's victim, or ``None`` if there are none yet.
-
-    Raises:
-        ConfigError: its file is damaged.
-    """
-    from apil_core.activations.models import ActivationMap
-
-    path = bench.activations_path(game)
-    return ActivationMap.read(path) if path.is_file() else None
 
 
 def harden(ledger: Ledger, cell: Cell, threads: int, progress: Progress) -> bool:

@@ -14,7 +14,7 @@ from apil_core.cli.readout import percent
 from apil_core.profiles import Profile
 
 if TYPE_CHECKING:
-    from apil_core.fidelity import FidelityRow, Figure
+    from apil_core.fidelity_file import FidelityRow, Figure
     from apil_core.fidelity_plan import SkippedMatchup
     from apil_core.plugins import PluginRegistry
     from apil_core.specs import GameSpec

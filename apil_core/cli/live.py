@@ -21,11 +21,11 @@ from rich.text import Text
 
 from apil_core.cli import readout
 from apil_core.cli.output import console
-from apil_core.cli.progress import ConsoleProgress
+from apil_core.cli.plain import ConsoleProgress
 
 if TYPE_CHECKING:
     from apil_core.config import RunConfig
-    from apil_core.evaluation import EvaluationResult
+    from apil_core.results import EvaluationResult
 
 _SPEED_WINDOW = 120.0
 """Seconds the time left is estimated from: long enough to smooth over checkpoints and evaluations."""

@@ -3,40 +3,11 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
-
-from apil_core.distributed.world import World
-from apil_core.progress import Progress
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from apil_core.config import RunConfig
-
-
-class ConsoleProgress(Progress):
-    """A progress that tidies up the terminal when its ``with`` block ends. Shows nothing itself."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Leave the terminal as it was; closing twice is fine."""
-
-    @staticmethod
-    def headline(config: RunConfig, run_dir: Path, victim: str, steps_done: int) -> str:
-        """What runs, and where."""
-        resumed = f", continued at {steps_done:,} steps" if steps_done else ""
-        batch = f"{config.num_envs} games × {config.ppo.num_steps} steps"
-        processes = World.here().size
-        batch = batch if processes == 1 else f"{processes} processes × {batch}"
-        what = f"{config.method} against {victim} in {config.env}, seed {config.seed}"
-        return f"{what}, {batch}{resumed} → {run_dir}"
+    pass
+from apil_core.cli.plain import ConsoleProgress
 
 
 def make_progress(*, quiet: bool = False) -> ConsoleProgress:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 from apil_core.profiles import FAITHFUL
 
 if TYPE_CHECKING:
-    from apil_core.circumstances import Circumstances
-    from apil_core.evaluation import EvaluationResult, Rate
+    from apil_core.results import Circumstances, EvaluationResult, Rate
 
 _ENDINGS_KEPT = 50
 """Iterations over which endings are summed up: one alone has only a few games."""
@@ -35,7 +34,7 @@ def outcomes(metrics: Mapping[str, float]) -> dict[str, str]:
 
     The adversary's, or in a retraining the victim's.
     """
-    from apil_core.evaluation import wilson
+    from apil_core.results import wilson
 
     games = int(metrics.get("window_games", 0))
     if not games:

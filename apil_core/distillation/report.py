@@ -13,11 +13,12 @@ from apil_core.difference import Difference, difference
 from apil_core.distillation.collector import Cast, Sample
 from apil_core.distillation.learner import kl_nats
 from apil_core.distillation.setting import Setting
-from apil_core.evaluation import EvaluationResult, score
+from apil_core.evaluation import score
 from apil_core.game import Game
 from apil_core.pairing import Pairing
 from apil_core.policy import Policy
 from apil_core.progress import Progress
+from apil_core.results import EvaluationResult
 from apil_core.types import View
 
 

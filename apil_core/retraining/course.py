@@ -7,14 +7,13 @@ from contextlib import suppress
 from typing import Any, Literal
 
 from apil_core import checkpoint
-from apil_core.circumstances import PolicyId
 from apil_core.config import RunConfig
 from apil_core.errors import ApilError
-from apil_core.evaluation import EvaluationResult
 from apil_core.log_rows import RowLog, open_recorders
 from apil_core.memory import resident_mb
 from apil_core.plugins import PluginRegistry
 from apil_core.progress import Progress
+from apil_core.results import EvaluationResult, PolicyId
 from apil_core.retraining.folder import RetrainDir
 from apil_core.retraining.hardened import name_of
 from apil_core.retraining.result import RetrainResult

@@ -11,10 +11,10 @@ from apil_core.curve_groups import CurveGroup
 from apil_core.curves import LEAST_GAMES, Curve, ScorePoint, shares
 from apil_core.episodes import WINDOW
 from apil_core.errors import RunDirError
-from apil_core.evaluation import EvaluationResult, wilson
 from apil_core.game_options import PHYSICS
 from apil_core.profiles import FAITHFUL
 from apil_core.recorders import read_metrics
+from apil_core.results import EvaluationResult, wilson
 from apil_core.retraining.folder import RetrainDir
 from apil_core.retraining.options import RetrainConfig
 from apil_core.retraining.tally import MIXED

@@ -7,8 +7,7 @@ from typing import Literal
 
 from pydantic import BaseModel
 
-from apil_core.circumstances import PolicyId
-from apil_core.evaluation import EvaluationResult
+from apil_core.results import EvaluationResult, PolicyId
 
 
 class RetrainResult(BaseModel):

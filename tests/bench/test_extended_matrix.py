@@ -8,12 +8,11 @@ from typing import Any
 import pytest
 
 from apil_core.bench.cells import resolve_matrix
-from apil_core.bench.folder import BenchDir
+from apil_core.bench.folder import BenchDir, read_crossplay
 from apil_core.bench.jobs import Ledger, make_jobs
 from apil_core.bench.matrix import Matrix, RetrainingStage, load_matrix
 from apil_core.bench.players import with_full_names
 from apil_core.bench.schedule import run_jobs
-from apil_core.bench.stages import read_crossplay
 from apil_core.bench.still_valid import check_same_retraining
 from apil_core.cli.bench_run import _same_as_stored
 from apil_core.counts import whole_number

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from retraining.victims import runner
 
-from apil_core.cli.progress import ConsoleProgress
+from apil_core.cli.plain import ConsoleProgress
 from cli.cli_helpers import Apil
 
 FLAGS = (

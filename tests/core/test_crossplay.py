@@ -15,8 +15,8 @@ from apil_core.crossplay_labels import labelled
 from apil_core.crossplay_picture import draw_crossplay
 from apil_core.crossplay_players import check_unchanged
 from apil_core.difference import difference
-from apil_core.evaluation import EvaluationResult
 from apil_core.progress import Progress
+from apil_core.results import EvaluationResult
 from apil_core.runner import run
 from core.small_runs import small_config
 

@@ -13,10 +13,10 @@ from apil_core.bench.folder import BenchDir, read_score, write_score
 from apil_core.bench.jobs import make_jobs
 from apil_core.bench.matrix import Matrix
 from apil_core.bench.work import perform
-from apil_core.circumstances import PolicyId
 from apil_core.cli.bench_report import report
 from apil_core.errors import ApilError
 from apil_core.report.evidence import gather
+from apil_core.results import PolicyId
 
 TOY = "toy-pursuit"
 EPISODES = 40

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from apil_core.difference import difference
-from apil_core.evaluation import wilson
 from apil_core.report.statistics import (
     compared,
     interquartile_mean,
@@ -14,6 +13,7 @@ from apil_core.report.statistics import (
     stratified_interval,
     verdict,
 )
+from apil_core.results import wilson
 
 
 def test_one_seed_has_wilsons_interval_and_no_spread() -> None:

@@ -1,0 +1,113 @@
+"""Scores of played games: rates with intervals, and what the games depended on."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+from pydantic import BaseModel
+
+from apil_core.config import ActionMode, BlindMode, RunConfig
+from apil_core.observer_options import Observers
+from apil_core.policy import PolicyInfo
+
+
+class PolicyId(BaseModel):
+    """Who played."""
+
+    name: str
+    sha256: str
+
+    @classmethod
+    def of(cls, info: PolicyInfo) -> PolicyId:
+        """The part of a policy's identity that is stored."""
+        return cls(name=info.name, sha256=info.sha256)
+
+
+class Circumstances(BaseModel):
+    """Who played what against whom, and how: base of everything that reports played games."""
+
+    env: str
+    adversary: PolicyId
+    victim: PolicyId
+    adversary_side: str
+    victim_side: str
+    adversary_actions: ActionMode
+    victim_actions: ActionMode
+    seed: int
+    num_envs: int
+    trained_steps: int | None = None
+    game_options: dict[str, Any]
+    game_settings: dict[str, Any] = {}
+    """What the options came to where a physics profile filled them in; scores from before have none."""
+    observers: dict[str, dict[str, Any]] | None = None
+    """What was switched on beside the method, with its options; ``None`` in scores from before they told."""
+    versions: dict[str, str]
+
+    @property
+    def physics(self) -> str | None:
+        """Name of the physics profile, ``"custom"`` for values of neither; ``None`` for a game without."""
+        return self.game_settings.get("physics")
+
+    @property
+    def options_played(self) -> dict[str, Any]:
+        """The game's options with the values that a physics profile filled in."""
+        given = {key: value for key, value in self.game_options.items() if value is not None}
+        return {**self.game_settings, **{k: v for k, v in given.items() if k not in self.game_settings}}
+
+
+class Rate(BaseModel):
+    """A share of games with its Wilson 95 % interval, as fractions."""
+
+    value: float
+    low: float
+    high: float
+
+
+class EvaluationResult(Circumstances):
+    """A score and all it depends on. ``wins`` and the like are the adversary's."""
+
+    episodes: int
+    wins: int
+    ties: int
+    losses: int
+    win_rate: Rate
+    tie_rate: Rate
+    loss_rate: Rate
+    win_or_tie_rate: Rate
+    causes: dict[str, int]
+    mean_length: float
+    blind: BlindMode | None = None
+    blind_imitator: bool = False
+    blind_victim: BlindMode | None = None
+    wall_seconds: float
+
+
+def wilson(count: int, total: int) -> Rate:
+    """Share ``count / total`` with the Wilson score interval at 95 %."""
+    from statsmodels.stats.proportion import proportion_confint
+
+    low, high = proportion_confint(count, total, alpha=0.05, method="wilson")
+    # rounding leaves 4e-18 where the interval starts at nought
+    return Rate(value=count / total, low=max(float(low), 0.0) if count else 0.0, high=min(float(high), 1.0))
+
+
+_Score = TypeVar("_Score", bound="Circumstances")
+
+
+def told(score: _Score, config: RunConfig) -> _Score:
+    """``score`` of a run, with its observers filled in where it is from before scores told them."""
+    known = score.observers is not None
+    return score if known else score.model_copy(update={"observers": observers_played(config)})
+
+
+def in_words(observers: Observers) -> list[str]:
+    """One text for each, e.g. ``masked_observation (way=mean, share=0.5)``."""
+    return [
+        f"{name} ({', '.join(f'{key}={value}' for key, value in options.items())})" if options else name
+        for name, options in observers.items()
+    ]
+
+
+def observers_played(config: RunConfig) -> dict[str, dict[str, Any]]:
+    """The observers of a configuration, each with its options."""
+    return {name: config.options.get(name, {}) for name in config.observers}

@@ -1,0 +1,68 @@
+"""Scoring an adversary while it is trained."""
+
+from __future__ import annotations
+
+import copy
+
+import torch
+
+from apil_core.build import adversary_policy, observing_alone
+from apil_core.evaluation import MAX_PARALLEL_GAMES, score
+from apil_core.pairing import Pairing
+from apil_core.policy import Policy, PolicyInfo
+from apil_core.progress import Progress
+from apil_core.registry import make_game
+from apil_core.results import EvaluationResult
+from apil_core.seats import run_victim
+from apil_core.trainer import Trainer
+
+
+def score_in_training(
+    trainer: Trainer,
+    episodes: int,
+    progress: Progress,
+    name: str = "",
+    sha256: str = "in memory",
+    seed: int | None = None,
+    adversary: Policy | None = None,
+) -> EvaluationResult:
+    """Score a trainer's adversary (or another) without touching the training games or their randomness.
+
+    Methods are rebuilt from their state, so that what they carry from step to step stays apart.
+
+    Args:
+        trainer: of the run.
+        episodes: number of games.
+        progress: receives the number of games played.
+        name, sha256: identity of the adversary, for the result.
+        seed: of the games and all draws; default: the run's.
+        adversary: scored instead.
+    """
+    config, layout, side = trainer.config, trainer.layout, trainer.adversary_side
+    seed = config.seed if seed is None else seed
+    seat = layout.sides[side]
+    name = name or f"run at {trainer.steps} steps"
+    info = PolicyInfo(name, sha256, seat.observation_size, seat.action_size)
+    with torch.random.fork_rng(devices=[]):
+        game = make_game(
+            config.env,
+            num_envs=min(episodes, MAX_PARALLEL_GAMES),
+            threads=config.threads,
+            options=config.game,
+            plugins=trainer.plugins,
+        )
+        try:
+            victim = run_victim(config, game, trainer.plugins, seed)
+            if adversary is None:
+                state = copy.deepcopy(trainer.policy_state())
+                own = adversary_policy(state, info, config, game.layout, side, trainer.plugins, seed)
+                pairing = Pairing(config, game, own, victim, side, own.hooks, trainer.steps)
+            else:
+                hooks = observing_alone(config, game.layout, side, trainer.plugins)
+                pairing = Pairing(config, game, adversary, victim, side, hooks)
+            result = score(pairing, episodes=episodes, seed=seed, progress=progress)
+        finally:
+            game.close()
+    if adversary is None:
+        trainer.hook.evaluation_finished(run=trainer, result=result.model_dump(mode="json"))
+    return result
