@@ -14,7 +14,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "apil_core.hooks": ("hookimpl", "hookspec"),
     "apil_core.hook_api": ("HOOK_API", "Deprecation"),
-    "apil_core.errors": (
+    "apil_core.common.errors": (
         "ApilError",
         "ConfigError",
         "PluginError",
@@ -36,7 +36,7 @@ _HOMES = {
     "apil_core.game": ("NO_WINNER", "Colour", "Game", "GameLayout", "GameStep", "SideLayout", "Window"),
     "apil_core.stopwatch": ("PhysicsStopwatch",),
     "apil_core.views": ("OpponentInsideEnv", "ParallelGameEnv"),
-    "apil_core.torch_threads": ("side_by_side",),
+    "apil_core.common.torch_threads": ("side_by_side",),
     "apil_core.types": ("Context", "Decision", "DiagonalGaussian", "Rollout", "StepBatch", "View"),
     "apil_core.policy": ("Policy", "PolicyInfo"),
     "apil_core.method": ("Method", "MethodSetup", "Observer", "Run", "RunPlugin"),
@@ -79,6 +79,13 @@ def __dir__() -> list[str]:
 
 
 if TYPE_CHECKING:
+    from apil_core.common.errors import ApilError as ApilError
+    from apil_core.common.errors import ConfigError as ConfigError
+    from apil_core.common.errors import PluginError as PluginError
+    from apil_core.common.errors import RunDirError as RunDirError
+    from apil_core.common.errors import UnknownNameError as UnknownNameError
+    from apil_core.common.errors import VictimError as VictimError
+    from apil_core.common.torch_threads import side_by_side as side_by_side
     from apil_core.config import CheckpointConfig as CheckpointConfig
     from apil_core.config import EvaluationConfig as EvaluationConfig
     from apil_core.config import PPOConfig as PPOConfig
@@ -86,12 +93,6 @@ if TYPE_CHECKING:
     from apil_core.config import RunConfig as RunConfig
     from apil_core.config import Section as Section
     from apil_core.config import absent as absent
-    from apil_core.errors import ApilError as ApilError
-    from apil_core.errors import ConfigError as ConfigError
-    from apil_core.errors import PluginError as PluginError
-    from apil_core.errors import RunDirError as RunDirError
-    from apil_core.errors import UnknownNameError as UnknownNameError
-    from apil_core.errors import VictimError as VictimError
     from apil_core.evaluator import evaluate as evaluate
     from apil_core.game import NO_WINNER as NO_WINNER
     from apil_core.game import Colour as Colour
@@ -137,7 +138,6 @@ if TYPE_CHECKING:
     from apil_core.specs import RecorderSpec as RecorderSpec
     from apil_core.specs import RewardWeights as RewardWeights
     from apil_core.stopwatch import PhysicsStopwatch as PhysicsStopwatch
-    from apil_core.torch_threads import side_by_side as side_by_side
     from apil_core.types import Context as Context
     from apil_core.types import Decision as Decision
     from apil_core.types import DiagonalGaussian as DiagonalGaussian

@@ -8,13 +8,13 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
 
-from apil_core.errors import PluginError
+from apil_core.common.errors import PluginError
+from apil_core.common.seeds import stream_seed
 from apil_core.learner import Actor
 from apil_core.method import RunPlugin
 from apil_core.normalize import ObservationNormalizer
 from apil_core.policy import Policy, PolicyInfo
 from apil_core.run_hooks import RunHookManager, shown
-from apil_core.seeds import stream_seed
 from apil_core.types import OWN_GROUP, PRIVILEGED_GROUP, Context, Decision, View
 
 HOOK_STREAM = "evaluation hooks"

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from PIL import Image
 
-from apil_core import caption, colours
+from apil_core import caption
 from apil_core.caption import Cast
+from apil_core.common import colours
 from apil_core.film import Film, pace
 from apil_core.game import Game
 from apil_core.spectacle import Moment, PlayedGame

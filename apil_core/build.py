@@ -9,9 +9,10 @@ from typing import Any
 import torch
 
 from apil_core.adversary import HOOK_STREAM, AdversaryPolicy, ObservationBuilder
+from apil_core.common.errors import ConfigError, PluginError
+from apil_core.common.seeds import stream_generator, stream_seed
 from apil_core.config import RunConfig
 from apil_core.distributed.world import ALONE, World
-from apil_core.errors import ConfigError, PluginError
 from apil_core.game import Game, GameLayout
 from apil_core.game_env import AttackEnv
 from apil_core.learner import Actor, Learner
@@ -23,7 +24,6 @@ from apil_core.registry import build_methods, build_observers, game_spec, make_g
 from apil_core.rewards import resolve_weights
 from apil_core.run_hooks import RunHookManager
 from apil_core.seats import pinned, run_victim, victim_side
-from apil_core.seeds import stream_generator, stream_seed
 from apil_core.types import Context
 
 

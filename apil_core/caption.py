@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from PIL import Image, ImageDraw, ImageFont
 
-from apil_core import colours
+from apil_core.common import colours
 from apil_core.game import Colour
 from apil_core.spectacle import Moment, Outcome, PlayedGame
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from apil_core.errors import RunDirError
-from apil_core.files import write_atomically
+from apil_core.common.errors import RunDirError
+from apil_core.common.files import write_atomically
 
 FORMAT = 1
 """Version of the checkpoint layout; older code refuses newer files."""

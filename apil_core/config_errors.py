@@ -9,8 +9,8 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from apil_core.common.errors import ConfigError, UnknownNameError, suggest
 from apil_core.config_layers import Key
-from apil_core.errors import ConfigError, UnknownNameError, suggest
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
 
-from apil_core.errors import ConfigError, UnknownNameError
+from apil_core.common.errors import ConfigError, UnknownNameError
 
 Key = tuple[str | int, ...]
 

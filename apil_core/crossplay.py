@@ -9,11 +9,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import Unpack
 
+from apil_core.common.errors import ConfigError
 from apil_core.crossplay_document import CrossPlay
 from apil_core.crossplay_file import CrossPlayFile
 from apil_core.crossplay_players import Lineup, Names, SharedOptions, check_unchanged, line_up
 from apil_core.crossplay_progress import PartOfAll
-from apil_core.errors import ConfigError
 from apil_core.evaluation import MAX_PARALLEL_GAMES
 from apil_core.evaluator import evaluate
 from apil_core.progress import Progress

@@ -7,8 +7,8 @@ from typing import Literal, Self, get_args
 
 from pydantic import BaseModel, model_validator
 
-from apil_core.difference import Difference, difference
-from apil_core.json_document import JsonDocument
+from apil_core.common.documents import JsonDocument
+from apil_core.common.statistics import Difference, difference
 from apil_core.results import EvaluationResult, PolicyId, Rate
 
 Share = Literal["win", "win_or_tie"]

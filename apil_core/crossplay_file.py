@@ -9,10 +9,10 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
+from apil_core.common.errors import ConfigError
+from apil_core.common.files import check_place
 from apil_core.crossplay_document import CrossPlay, Player
 from apil_core.crossplay_players import Lineup, settings
-from apil_core.errors import ConfigError
-from apil_core.files import check_place
 from apil_core.results import EvaluationResult
 
 

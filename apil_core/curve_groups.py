@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import BaseModel
 
+from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.curves import Curve, Line, read_curve
-from apil_core.errors import ConfigError, RunDirError
 from apil_core.rundir import RunDir
 from apil_core.same_attack import seed_groups
 

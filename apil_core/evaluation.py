@@ -7,13 +7,13 @@ from collections import Counter
 from typing import Any
 
 from apil_core.blinding import make_blinding
+from apil_core.common.seeds import stream_seed
 from apil_core.config import BlindMode
 from apil_core.game import Game
 from apil_core.pairing import Pairing, circumstances
 from apil_core.play import Tally, play
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult, wilson
-from apil_core.seeds import stream_seed
 
 MAX_PARALLEL_GAMES = 128
 """Slots of an evaluation unless asked otherwise. Fixed, so that a seed gives the same games anywhere."""

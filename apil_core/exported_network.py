@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from apil_core.adversary import AdversaryPolicy
-from apil_core.errors import ApilError
+from apil_core.common.errors import ApilError
 from apil_core.game import SideLayout
 from apil_core.method import RunPlugin
 from apil_core.types import View

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
-from apil_core.errors import UnknownNameError, VictimError
+from apil_core.common.errors import UnknownNameError, VictimError
 from apil_core.evaluator import evaluate
 from apil_core.fidelity_plan import RowPlan
 from apil_core.plugins import PluginRegistry

@@ -11,10 +11,10 @@ from typing import Any
 from filelock import FileLock, Timeout
 from pydantic import BaseModel, ValidationError, computed_field
 
-from apil_core.difference import Difference, difference
-from apil_core.errors import ConfigError
+from apil_core.common.errors import ConfigError
+from apil_core.common.files import check_place, write_atomically
+from apil_core.common.statistics import Difference, difference
 from apil_core.fidelity_plan import RowPlan
-from apil_core.files import check_place, write_atomically
 from apil_core.game_options import spelt_out
 from apil_core.plugins import PluginRegistry
 from apil_core.registry import load_policy

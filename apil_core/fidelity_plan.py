@@ -14,8 +14,8 @@ from typing import Any, Literal, Union
 
 from pydantic import BaseModel
 
+from apil_core.common.errors import ConfigError, suggest
 from apil_core.config import ActionMode, EvaluationConfig
-from apil_core.errors import ConfigError, suggest
 from apil_core.game_options import PHYSICS
 from apil_core.profiles import Profile, ProfiledOptions
 from apil_core.registry import options_model

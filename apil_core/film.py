@@ -10,8 +10,8 @@ from types import ModuleType
 
 from PIL import Image
 
-from apil_core.errors import ApilError
-from apil_core.extras import need
+from apil_core.common.errors import ApilError
+from apil_core.common.extras import need
 
 CODECS = ("libx264", "libopenh264", "h264")
 """H.264 encoders, the first that this PyAV has."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from apil_core.errors import RunDirError
+from apil_core.common.errors import RunDirError
 from apil_core.results import EvaluationResult
 from apil_core.rundir import RunDir
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from apil_core.errors import ApilError
+from apil_core.common.errors import ApilError
 from apil_core.stopwatch import PhysicsStopwatch
 
 Array = NDArray[Any]

@@ -15,10 +15,10 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from apil_core.adversary import ObservationBuilder
+from apil_core.common.errors import PluginError
+from apil_core.common.tensors import all_finite
 from apil_core.config import RunConfig
 from apil_core.episodes import EpisodeStats
-from apil_core.errors import PluginError
-from apil_core.finite import all_finite
 from apil_core.game import Game, GameStep
 from apil_core.method import Run
 from apil_core.normalize import ObservationNormalizer, ReturnNormalizer

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from apil_core.errors import PluginError
+from apil_core.common.errors import PluginError
 
 HOOK_API = 2
 """Version of the hooks offered here. A new one comes with every change that can break a plugin."""

@@ -14,7 +14,7 @@ from typing import Any
 
 import pluggy
 
-from apil_core.errors import PluginError
+from apil_core.common.errors import PluginError
 from apil_core.hooks import PROJECT, life_of
 
 _MAY_STAY_SILENT = frozenset({"update_auxiliary"})

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError, create_model
 
+from apil_core.common.errors import ConfigError, UnknownNameError
 from apil_core.config import RunConfig, Section
 from apil_core.config_errors import problems_of, raise_problems
 from apil_core.config_layers import Key, Layer, merge, set_layer
 from apil_core.config_models import options_model
-from apil_core.errors import ConfigError, UnknownNameError
 from apil_core.plugins import PluginRegistry
 from apil_core.specs import titled
 

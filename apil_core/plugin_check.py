@@ -10,8 +10,8 @@ from typing import Any
 
 import pluggy
 
+from apil_core.common.errors import PluginError
 from apil_core.config_models import options_model
-from apil_core.errors import PluginError
 from apil_core.hook_api import HOOK_API, STATEMENT
 from apil_core.hook_fit import register, remarks
 from apil_core.hooks import PROJECT

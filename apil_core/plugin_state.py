@@ -11,8 +11,8 @@ import torch
 from torch import Tensor, nn
 
 from apil_core.checkpoint import to_tensors
-from apil_core.errors import ApilError, PluginError
-from apil_core.seeds import undisturbed
+from apil_core.common.errors import ApilError, PluginError
+from apil_core.common.seeds import undisturbed
 
 if TYPE_CHECKING:
     from apil_core.method import RunPlugin

@@ -17,7 +17,7 @@ from typing import Any
 
 import pluggy
 
-from apil_core.errors import PluginError, UnknownNameError
+from apil_core.common.errors import PluginError, UnknownNameError
 from apil_core.hook_api import check_version, stated_version, version_in_source
 from apil_core.hook_fit import register, unmarked
 from apil_core.hooks import PROJECT

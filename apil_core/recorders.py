@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from apil_core.errors import RunDirError
+from apil_core.common.errors import RunDirError
 
 
 class JsonlRecorder:
@@ -107,7 +107,7 @@ def truncate_metrics(path: Path, after_iteration: int) -> None:
     """
     if not path.exists():
         return
-    from apil_core.files import write_atomically
+    from apil_core.common.files import write_atomically
 
     rows = [(line, _parse(line)) for line in _lines(path)]
     kept = [line for line, row in rows if row is not None and row.get("iteration", 0) <= after_iteration]

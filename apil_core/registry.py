@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from apil_core.errors import ApilError, ConfigError, PluginError, UnknownNameError, VictimError
+from apil_core.common.errors import ApilError, ConfigError, PluginError, UnknownNameError, VictimError
 from apil_core.game import Game, SideLayout
 from apil_core.plugins import PluginRegistry, discover
 from apil_core.specs import GameSpec, MethodSpec, ObserverSpec, RunPluginSpec, load, titled, wanted_of
@@ -150,8 +150,8 @@ def build_observers(
     """
     import torch
 
+    from apil_core.common.seeds import stream_seed, undisturbed
     from apil_core.method import Observer
-    from apil_core.seeds import stream_seed, undisturbed
 
     built: dict[str, Observer] = {}
     for spec in specs:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import pluggy
 
-from apil_core.errors import ApilError, PluginError
+from apil_core.common.errors import ApilError, PluginError
 from apil_core.hook_fit import register, remarks
 from apil_core.hooks import PROJECT
 from apil_core.hookspecs import ProcessHooks, RunHooks
@@ -127,7 +127,7 @@ class RunHookManager:
         """
         import torch
 
-        from apil_core.finite import all_finite
+        from apil_core.common.tensors import all_finite
 
         label = f"{name!r} must be" if name else "must return"
         if not isinstance(value, torch.Tensor):

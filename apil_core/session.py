@@ -11,11 +11,13 @@ from pydantic import BaseModel
 
 from apil_core import checkpoint
 from apil_core.best import EvaluationHistory
+from apil_core.common.errors import ApilError
+from apil_core.common.files import sha256
+from apil_core.common.machine import resident_mb
+from apil_core.common.seeds import stream_seed
+from apil_core.common.torch_threads import one_torch_thread
 from apil_core.distributed.join import in_contact
-from apil_core.errors import ApilError
-from apil_core.files import sha256
 from apil_core.log_rows import Row, RowLog, iterations_per_row, open_recorders
-from apil_core.memory import resident_mb
 from apil_core.method import RunPlugin
 from apil_core.plugin_state import states_of
 from apil_core.plugins import PluginRegistry
@@ -24,9 +26,7 @@ from apil_core.progress import Progress
 from apil_core.results import EvaluationResult
 from apil_core.rundir import RunDir, part_of_rank
 from apil_core.seats import victim_name
-from apil_core.seeds import stream_seed
 from apil_core.stop_signal import Stopped, StopWish
-from apil_core.torch_threads import one_torch_thread
 from apil_core.trainer import Trainer
 from apil_core.trainer_score import score_in_training
 from apil_core.warm_start import beside_teacher, warm_start

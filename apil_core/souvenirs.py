@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from pydantic import BaseModel
 
-from apil_core.errors import ApilError
+from apil_core.common.errors import ApilError
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult
 from apil_core.rundir import RunDir

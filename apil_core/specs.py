@@ -12,7 +12,7 @@ import traceback
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from apil_core.errors import PluginError
+from apil_core.common.errors import PluginError
 
 
 @dataclass(frozen=True)

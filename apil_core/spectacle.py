@@ -11,9 +11,9 @@ import torch
 from pydantic import BaseModel
 
 from apil_core.adversary import AdversaryPolicy
+from apil_core.common.seeds import stream_seed
 from apil_core.game import GameStep
 from apil_core.pairing import Pairing
-from apil_core.seeds import stream_seed
 
 Outcome = Literal["win", "tie", "loss"]
 """From the adversary's side, as in every score."""

@@ -9,8 +9,8 @@ from PIL import Image
 
 from apil_core import caption
 from apil_core.caption import Cast
-from apil_core.errors import ApilError
-from apil_core.files import write_atomically
+from apil_core.common.errors import ApilError
+from apil_core.common.files import write_atomically
 
 FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEBP"}
 """File formats by extension."""

@@ -13,8 +13,8 @@ import numpy as np
 from gymnasium.spaces import Box
 from pettingzoo import ParallelEnv
 
-from apil_core import colours
-from apil_core.errors import ConfigError
+from apil_core.common import colours
+from apil_core.common.errors import ConfigError
 from apil_core.game import Array, Game, GameStep, SideLayout
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from apil_core.bench.folder import BenchDir
-from apil_core.errors import ApilError, RunDirError
+from apil_core.common.errors import ApilError, RunDirError
 from apil_core.recorders import read_metrics
 
 TIMINGS = {"wall_seconds", "steps_per_second", "collect_seconds", "update_seconds", "memory_mb"}

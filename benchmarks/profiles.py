@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from apil_core.errors import ApilError, ConfigError, VictimError
+from apil_core.common.errors import ApilError, ConfigError, VictimError
+from apil_core.common.torch_threads import one_torch_thread
 from apil_core.pairing import Pairing, load_pairing
 from apil_core.registry import default_plugins
-from apil_core.torch_threads import one_torch_thread
 from apil_envs.options import PhysicsOptions
 
 WARM_UP = 60

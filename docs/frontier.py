@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from apil_core import ConfigError
-from apil_core.difference import Difference, difference
+from apil_core.common.statistics import Difference, difference
 from apil_core.fidelity_file import FidelityRow
 from apil_core.game_options import spelt_out
 from apil_core.registry import default_plugins

@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from apil_core.difference import difference
+from apil_core.common.statistics import difference
 from apil_core.fidelity_file import FidelityRow, Figure, read_rows
 from apil_core.results import Rate
 

@@ -18,9 +18,9 @@ from frontier import LIMIT, Point, points, profile, read_speeds
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from apil_core.colours import LINES
-from apil_core.difference import Difference
-from apil_core.errors import ApilError
+from apil_core.common.colours import LINES
+from apil_core.common.errors import ApilError
+from apil_core.common.statistics import Difference
 from apil_core.fidelity_file import read_rows
 from apil_core.results import wilson
 from apil_envs.options import PhysicsProfile

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from apil_core import EvaluationResult, evaluate
-from apil_core.difference import Difference, difference
+from apil_core.common.statistics import Difference, difference
 from apil_core.distillation.options import DistillConfig
 from apil_core.distillation.report import Report
 from apil_core.fidelity_file import FidelityRow, read_rows

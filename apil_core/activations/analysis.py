@@ -17,12 +17,12 @@ from apil_core.activations.models import ActivationMap, LogLikelihood
 from apil_core.activations.opponents import BASELINE, gather, record_all
 from apil_core.activations.recording import LAYER, Recorded
 from apil_core.activations.sampling import game_means
+from apil_core.common.errors import ConfigError
+from apil_core.common.extras import need
+from apil_core.common.torch_threads import one_torch_thread
 from apil_core.crossplay_players import Names, SharedOptions
-from apil_core.errors import ConfigError
 from apil_core.evaluation import MAX_PARALLEL_GAMES
-from apil_core.extras import need
 from apil_core.progress import Progress
-from apil_core.torch_threads import one_torch_thread
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from apil_core.errors import ConfigError, VictimError
+from apil_core.common.errors import ConfigError, VictimError
 
 if TYPE_CHECKING:
     from sklearn.decomposition import PCA

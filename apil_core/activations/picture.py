@@ -10,11 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from apil_core import colours
 from apil_core.activations.models import ActivationMap
-from apil_core.chart_style import GREY, STYLE
+from apil_core.common import colours
+from apil_core.common.charts import GREY, STYLE
+from apil_core.common.files import write_atomically
 from apil_core.curve_picture import check_picture
-from apil_core.files import write_atomically
 
 _MARKERS = "osD^vP*"
 _SIZE = (10.4, 5.0)  # inches

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from apil_core.activations.sampling import even_sample
-from apil_core.errors import VictimError
+from apil_core.common.errors import VictimError
+from apil_core.common.seeds import stream_seed
 from apil_core.pairing import Pairing
 from apil_core.play import play
 from apil_core.policy import Policy
 from apil_core.progress import Progress
-from apil_core.seeds import stream_seed
 from apil_core.types import Decision, View
 
 LAYER = "hidden"

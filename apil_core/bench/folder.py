@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from filelock import FileLock, Timeout
 
 from apil_core.bench.matrix import Matrix, load_matrix
-from apil_core.errors import RunDirError
-from apil_core.files import write_atomically
+from apil_core.common.errors import RunDirError
+from apil_core.common.files import write_atomically
 from apil_core.rundir import RunDir
 
 if TYPE_CHECKING:

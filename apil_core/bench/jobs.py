@@ -189,7 +189,7 @@ class Ledger:
 
     def _adversaries_sha256(self, game: str) -> dict[str, str]:
         """Of the trained cells' weights, by label; a budget that was raised has changed them."""
-        from apil_core.files import sha256
+        from apil_core.common.files import sha256
 
         cells = [cell for cell in self.benchmark.cells_of(game) if self.trained(cell)]
         names = labels(self.benchmark.cells_of(game))

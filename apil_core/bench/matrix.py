@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
+from apil_core.common.numbers import number_list, whole_number
 from apil_core.config import ActionMode, BlindMode, Section
 from apil_core.config_layers import texts_in
-from apil_core.counts import number_list, whole_number
 from apil_core.profiles import Profile
 
 MATRIX_VERSION = 2
@@ -259,7 +259,7 @@ def matrix_text(name: str) -> tuple[str, str]:
     """
     from importlib import resources
 
-    from apil_core.errors import ConfigError, suggest
+    from apil_core.common.errors import ConfigError, suggest
 
     path = Path(name)
     if name in matrix_names() and not path.is_file():

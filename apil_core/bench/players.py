@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import closing
 
 from apil_core.bench.cells import Benchmark, Cell, resolve_matrix
-from apil_core.errors import ApilError, ConfigError
+from apil_core.common.errors import ApilError, ConfigError
 from apil_core.specs import load
 
 
@@ -20,7 +20,7 @@ def with_full_names(benchmark: Benchmark, origin: str) -> Benchmark:
         ApilError: somebody cannot be loaded, does not fit, or cannot be retrained though that is wanted; a
             library that a stage needs is missing.
     """
-    from apil_core.extras import need
+    from apil_core.common.extras import need
 
     matrix, plugins = benchmark.matrix, benchmark.plugins
     for name in sorted({name for cell in benchmark.cells for name in cell.config.recorders}):

@@ -7,8 +7,8 @@ import socket
 from typing import Any
 from urllib.parse import urlsplit
 
-from apil_core.errors import ApilError, ConfigError
-from apil_core.extras import need
+from apil_core.common.errors import ApilError, ConfigError
+from apil_core.common.extras import need
 
 _PATIENCE = 5.0
 """Seconds that a cluster may take to answer at all; Ray itself would try for two minutes."""

@@ -16,7 +16,7 @@ from apil_core.bench.folder import BenchDir
 from apil_core.bench.ray_cluster import connect, slots
 from apil_core.bench.supervised import SupervisedJob
 from apil_core.bench.work import Outcome
-from apil_core.errors import RunDirError
+from apil_core.common.errors import RunDirError
 
 _RETRIES = 5
 """Times a job is begun again after its worker or node was lost; each goes on from the last checkpoint."""

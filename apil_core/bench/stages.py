@@ -6,7 +6,7 @@ import shutil
 from typing import TYPE_CHECKING, Any
 
 from apil_core.bench.cells import Cell
-from apil_core.errors import ConfigError
+from apil_core.common.errors import ConfigError
 from apil_core.game_options import without_physics
 from apil_core.progress import Progress
 from apil_core.rundir import RunDir
@@ -147,8 +147,8 @@ def take_snapshots(ledger: Ledger, cell: Cell, progress: Progress) -> None:
 
 def won_game(pairing: Any, seed: int) -> bool:
     """Whether the adversary wins one of the games a strip would be looked for in."""
+    from apil_core.common.torch_threads import one_torch_thread
     from apil_core.spectacle import Spectacle
-    from apil_core.torch_threads import one_torch_thread
 
     with one_torch_thread(), pairing.attribution():
         pairing.game.seed(0)

@@ -13,7 +13,7 @@ from apil_core.cli.crossplay import WHERE, Actions, GameSets, Physics, names
 from apil_core.cli.flags import Json, Plugins, Quiet
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
-from apil_core.errors import ConfigError
+from apil_core.common.errors import ConfigError
 
 if TYPE_CHECKING:
     from apil_core.activations.models import ActivationMap, LogLikelihood
@@ -135,8 +135,8 @@ app.command(activations)
 
 def _places(out: Path | None, picture: Path | None, force: bool) -> tuple[Path | None, Path | None]:
     """Where document and picture go; checked before minutes of playing."""
+    from apil_core.common.files import check_place
     from apil_core.curve_picture import check_picture
-    from apil_core.files import check_place
 
     if out is not None and out.suffix != ".json":
         try:

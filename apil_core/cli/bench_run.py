@@ -15,7 +15,7 @@ from apil_core.bench.matrix import NAMES_WITHOUT_BUDGET, matrix_names
 from apil_core.cli.flags import Json, Quiet, count
 from apil_core.cli.guard import INTERRUPTED, complain
 from apil_core.cli.progress import make_progress
-from apil_core.errors import ConfigError
+from apil_core.common.errors import ConfigError
 
 if TYPE_CHECKING:
     from apil_core.bench.cells import Benchmark
@@ -152,7 +152,7 @@ def _same_as_stored(bench: Any, benchmark: Benchmark, named: Collection[str] = (
     from apil_core.bench.cells import resolve_matrix
     from apil_core.bench.still_valid import check_same_retraining
     from apil_core.bench.work import check_same
-    from apil_core.errors import RunDirError
+    from apil_core.common.errors import RunDirError
 
     if not bench.matrix_path.is_file():
         if bench.path.exists() and (not bench.path.is_dir() or _occupied(bench.path)):

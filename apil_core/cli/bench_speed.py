@@ -12,8 +12,8 @@ from cyclopts import Group, Parameter
 from apil_core.cli.flags import Json, Plugins, Quiet, count
 from apil_core.cli.guard import INTERRUPTED, complain
 from apil_core.cli.output import print_json
+from apil_core.common.errors import ConfigError
 from apil_core.config_layers import preset_names
-from apil_core.errors import ConfigError
 
 if TYPE_CHECKING:
     from apil_core.speed.report import SpeedReport
@@ -160,7 +160,7 @@ def _check_out(out: Path | None, force: bool) -> None:
     Raises:
         ConfigError: they cannot, or would replace others.
     """
-    from apil_core.files import why_unwritable
+    from apil_core.common.files import why_unwritable
 
     if out is None:
         return

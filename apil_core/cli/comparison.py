@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from apil_core.difference import Difference, difference
+from apil_core.common.statistics import Difference, difference
 from apil_core.final_score import final_score
 from apil_core.game_options import stored_game, stored_physics
 from apil_core.results import EvaluationResult, Rate, in_words, told

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from apil_core.cli.app import sub_app
 from apil_core.cli.flags import ConfigFlags, Json, Plugins
 from apil_core.cli.output import console, print_json, table
-from apil_core.errors import ConfigError
+from apil_core.common.errors import ConfigError
 
 if TYPE_CHECKING:
     from apil_core.config import RunConfig

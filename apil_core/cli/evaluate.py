@@ -11,7 +11,7 @@ from apil_core.cli.flags import Json, PairingFlags, Quiet
 from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
 from apil_core.cli.scores import print_score
-from apil_core.errors import ConfigError
+from apil_core.common.errors import ConfigError
 
 if TYPE_CHECKING:
     from apil_core.pairing import PairingOptions
@@ -98,7 +98,7 @@ def _keeping(adversary: str, name: str) -> Path:
     """
     from apil_core.bench.folder import score_path
     from apil_core.bench.matrix import PLAIN, check_name
-    from apil_core.files import check_place
+    from apil_core.common.files import check_place
     from apil_core.trained import Source, run_path
 
     try:

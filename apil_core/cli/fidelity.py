@@ -96,7 +96,7 @@ def _games(plugins: PluginRegistry, names: list[str] | None) -> list[GameSpec]:
 
 def _check_profiles(games: list[GameSpec]) -> None:
     """Games named by the user must have profiles; others would just be skipped."""
-    from apil_core.errors import ConfigError
+    from apil_core.common.errors import ConfigError
     from apil_core.fidelity_plan import no_profiles
 
     for reason in filter(None, map(no_profiles, games)):
@@ -105,8 +105,8 @@ def _check_profiles(games: list[GameSpec]) -> None:
 
 def _assignments(text: str) -> dict[str, Any]:
     """``a=1,b=x`` as a mapping; values are read as YAML."""
+    from apil_core.common.errors import ConfigError
     from apil_core.config_layers import parse_yaml
-    from apil_core.errors import ConfigError
 
     pairs = [part.partition("=") for part in text.split(",")]
     if not all(key.strip() and equals for key, equals, _ in pairs):

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
+from apil_core.common.numbers import whole_number
 from apil_core.config import RunConfig
 from apil_core.config_layers import located, preset_names
-from apil_core.counts import whole_number
 from apil_core.profiles import Profile
 
 if TYPE_CHECKING:

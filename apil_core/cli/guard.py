@@ -9,8 +9,8 @@ import time
 import traceback
 from typing import TYPE_CHECKING
 
+from apil_core.common.errors import ApilError, ConfigError
 from apil_core.distributed.world import World
-from apil_core.errors import ApilError, ConfigError
 
 if TYPE_CHECKING:
     from cyclopts import CycloptsError

@@ -46,7 +46,7 @@ class Screen:
         Raises:
             ConfigError: a file without pictures to write to it.
         """
-        from apil_core.errors import ConfigError
+        from apil_core.common.errors import ConfigError
         from apil_core.show import Programme
 
         if self.out is not None and self.snapshots is None:
@@ -83,7 +83,7 @@ def play(
     The victim is blue and the adversary red, whichever seats they have. A game depends on the seed and its
     number only, whether anybody watches or not.
     """
-    from apil_core.extras import need
+    from apil_core.common.extras import need
 
     need("PIL", "pillow", "pictures")
     from apil_core.pairing import load_pairing

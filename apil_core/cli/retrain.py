@@ -14,7 +14,7 @@ from apil_core.cli.guard import INTERRUPTED, complain
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
-from apil_core.errors import ApilError, RunDirError
+from apil_core.common.errors import ApilError, RunDirError
 from apil_core.profiles import Profile
 from apil_core.retraining.options import RetrainConfig
 

@@ -12,9 +12,9 @@ from apil_core.cli.finish import exit_code, finish
 from apil_core.cli.flags import ConfigFlags, Json, Quiet, Show
 from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
-from apil_core.counts import number_list
+from apil_core.common.errors import RunDirError
+from apil_core.common.numbers import number_list
 from apil_core.distributed.world import World
-from apil_core.errors import RunDirError
 
 if TYPE_CHECKING:
     from apil_core.config import RunConfig

@@ -12,7 +12,7 @@ from apil_core.cli.app import sub_app
 from apil_core.cli.flags import Json
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.readout import game_name, percent
-from apil_core.errors import ConfigError, RunDirError
+from apil_core.common.errors import ConfigError, RunDirError
 
 if TYPE_CHECKING:
     from apil_core.cli.comparison import Comparison, Difference

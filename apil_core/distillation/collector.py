@@ -9,11 +9,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from apil_core.common.errors import VictimError
+from apil_core.common.seeds import stream_generator, stream_seed
 from apil_core.distillation.opponents import PerturbedOpponent
-from apil_core.errors import VictimError
 from apil_core.game import Game
 from apil_core.policy import Policy
-from apil_core.seeds import stream_generator, stream_seed
 from apil_core.types import View
 
 OnStep = Callable[[int], None]

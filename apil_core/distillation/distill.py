@@ -9,13 +9,14 @@ from typing import Any
 
 import torch
 
+from apil_core.common.errors import VictimError
+from apil_core.common.torch_threads import one_torch_thread
 from apil_core.distillation.learner import Block
 from apil_core.distillation.options import DistillConfig
 from apil_core.distillation.report import Report, make_report, score_of
 from apil_core.distillation.setting import Setting, named, prepare
 from apil_core.distillation.trainer import Entry, Standard
 from apil_core.distillation.workspace import Workspace
-from apil_core.errors import VictimError
 from apil_core.evaluation import MAX_PARALLEL_GAMES
 from apil_core.plugins import PluginRegistry
 from apil_core.policy import Policy
@@ -23,7 +24,6 @@ from apil_core.progress import Progress
 from apil_core.registry import default_plugins, make_game
 from apil_core.results import EvaluationResult
 from apil_core.rundir import environment
-from apil_core.torch_threads import one_torch_thread
 from apil_core.victims.student import load_file, save_file, weights_sha256
 from apil_core.victims.student_policy import StudentPolicy
 

@@ -8,8 +8,8 @@ import torch
 from pydantic import BaseModel
 from torch import Tensor
 
+from apil_core.common.statistics import Difference, difference
 from apil_core.config import RunConfig
-from apil_core.difference import Difference, difference
 from apil_core.distillation.collector import Cast, Sample
 from apil_core.distillation.learner import kl_nats
 from apil_core.distillation.setting import Setting

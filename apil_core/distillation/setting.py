@@ -10,12 +10,12 @@ import torch
 from torch import Tensor
 
 from apil_core.build import check_device
+from apil_core.common.errors import ConfigError, VictimError
 from apil_core.default_victim import is_here
 from apil_core.distillation.collector import Collector
 from apil_core.distillation.learner import StudentLearner
 from apil_core.distillation.options import DistillConfig
 from apil_core.distillation.trainer import Course
-from apil_core.errors import ConfigError, VictimError
 from apil_core.game import Game, SideLayout
 from apil_core.game_options import game_model, overlaid
 from apil_core.plugins import PluginRegistry

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
+from apil_core.common.seeds import stream_generator
 from apil_core.distillation.collector import Cast, Collector, Sample
 from apil_core.distillation.learner import Block, StudentLearner
 from apil_core.distillation.options import DistillConfig
 from apil_core.normalize import RunningMoments
-from apil_core.seeds import stream_generator
 from apil_core.victims.student_policy import StudentShape
 
 _TRUE_BLOCKS = 4

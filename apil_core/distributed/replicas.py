@@ -14,9 +14,9 @@ import torch
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
+from apil_core.common.errors import PluginError
 from apil_core.distributed.moments import pool
 from apil_core.distributed.world import World
-from apil_core.errors import PluginError
 from apil_core.normalize import ObservationNormalizer, ReturnNormalizer, RunningMoments
 
 Part = nn.Module | Optimizer

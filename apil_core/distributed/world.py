@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
-from apil_core.errors import ConfigError
+from apil_core.common.errors import ConfigError
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -86,7 +86,7 @@ class World:
         """This process's seed for a run's ``seed``: that one for the first, others of their own."""
         if self.is_main:
             return seed
-        from apil_core.seeds import stream_seed
+        from apil_core.common.seeds import stream_seed
 
         return stream_seed(seed, f"rank {self.rank}")
 

@@ -6,9 +6,9 @@ import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from apil_core.common.files import why_unwritable
 from apil_core.doctor.finding import Finding, error, good, warning
 from apil_core.doctor.scope import Scope
-from apil_core.files import why_unwritable
 from apil_core.rundir import DEFAULT_ROOT
 from apil_core.victims.cache import cache_dir
 

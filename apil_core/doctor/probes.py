@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from apil_core.errors import ApilError
+from apil_core.common.errors import ApilError
 from apil_core.game import Game
 from apil_core.plugins import PluginRegistry, discover
 from apil_core.registry import load_policy, make_game

@@ -15,7 +15,7 @@ from typing import Any
 
 from pettingzoo import AECEnv, ParallelEnv
 
-from apil_core.errors import ConfigError
+from apil_core.common.errors import ConfigError
 from apil_core.plugins import import_file
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageOps
 
-from apil_core.errors import ApilError
+from apil_core.common.errors import ApilError
 from apil_core.game import Array
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from pettingzoo import ParallelEnv
 
-from apil_core.errors import ConfigError
+from apil_core.common.errors import ConfigError
 from apil_core.game import Array
 from apil_core.pettingzoo_game.spaces import Seat
 

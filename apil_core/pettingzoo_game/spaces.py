@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete, Space, flatdim, flatten
 
-from apil_core.errors import ConfigError
+from apil_core.common.errors import ConfigError
 from apil_core.game import Array, SideLayout
 
 SCORE_BOUND = 10.0

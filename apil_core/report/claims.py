@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from apil_core.difference import Difference
+from apil_core.common.statistics import Difference
 from apil_core.report.attack_tables import BASELINE
 from apil_core.report.hardened import STRONGEST
 from apil_core.report.models import Cell, Check, Claim, Setting, Share, Table, Truth

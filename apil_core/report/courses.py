@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from apil_core.common.errors import ApilError
 from apil_core.curve_groups import CurveGroup, read_groups
 from apil_core.curves import Line, read_curve
-from apil_core.errors import ApilError
 from apil_core.recorders import read_metrics
 from apil_core.report.attack_tables import BASELINE
 from apil_core.report.grouping import Groups

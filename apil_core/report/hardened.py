@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from apil_core.bench.jobs import labels
+from apil_core.common.errors import ApilError
 from apil_core.crossplay_document import CrossPlay, Player
-from apil_core.errors import ApilError
 from apil_core.report.attack_tables import BASELINE
 from apil_core.report.cells import cell, seed_score
 from apil_core.report.labels import cell_marks, setting_notes

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from apil_core.activations.models import ActivationMap
+from apil_core.common.errors import ApilError
 from apil_core.curves import WIN, WIN_OR_TIE, shares
-from apil_core.errors import ApilError
 from apil_core.recorders import read_metrics
 from apil_core.report.courses import thinned
 from apil_core.report.models import ActivationCloud, Activations, RetrainingCurve, RetrainingLine, Snapshot

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from apil_core.files import write_atomically
+from apil_core.common.files import write_atomically
 from apil_core.report import page_summary
 from apil_core.report.figures import palette
 from apil_core.report.models import Evidence

@@ -6,8 +6,8 @@ from typing import Literal
 
 from pydantic import BaseModel
 
+from apil_core.common.statistics import Difference
 from apil_core.curves import Line, ScorePoint
-from apil_core.difference import Difference
 from apil_core.report.table_models import Cell, Share, Verdict
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from apil_core.errors import ConfigError
+from apil_core.common.errors import ConfigError
 from apil_core.report.models import Side
 
 FILE = "published_results.json"

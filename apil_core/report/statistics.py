@@ -7,7 +7,7 @@ from math import hypot
 
 import numpy as np
 
-from apil_core.difference import Difference
+from apil_core.common.statistics import Difference
 from apil_core.report.models import Share, Verdict
 from apil_core.results import Rate, wilson
 
@@ -53,7 +53,7 @@ def compared(measured: Share | Rate, base: Share | Rate) -> Difference:
 
     Newcombe's construction: the distance of each share to its own limits, added in squares (for other
     intervals than Wilson's known as MOVER, Zou and Donner 2008). With Wilson's intervals it is exactly the
-    interval of :func:`apil_core.difference.difference`; with those over seeds it covers seeds as well.
+    interval of :func:`apil_core.common.statistics.difference`; with those over seeds it covers seeds as well.
     """
     value = measured.value - base.value
     low = value - hypot(measured.value - measured.low, base.high - base.value)

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel
 
-from apil_core.difference import Difference
+from apil_core.common.statistics import Difference
 from apil_core.report.words import budget_mark
 
 Verdict = Literal["within noise", "higher", "lower", "no published value", "not measured"]

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from apil_core.errors import RunDirError
-from apil_core.files import write_atomically
+from apil_core.common.errors import RunDirError
+from apil_core.common.files import write_atomically
 from apil_core.report.latex import latex_table
 from apil_core.report.markdown import markdown_report, markdown_table
 from apil_core.report.models import Cell, Evidence, Figure, Table

@@ -7,10 +7,11 @@ from contextlib import suppress
 from typing import Any, Literal
 
 from apil_core import checkpoint
+from apil_core.common.errors import ApilError
+from apil_core.common.machine import resident_mb
+from apil_core.common.torch_threads import one_torch_thread
 from apil_core.config import RunConfig
-from apil_core.errors import ApilError
 from apil_core.log_rows import RowLog, open_recorders
-from apil_core.memory import resident_mb
 from apil_core.plugins import PluginRegistry
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult, PolicyId
@@ -21,7 +22,6 @@ from apil_core.retraining.scoring import score_each
 from apil_core.retraining.setting import Setting, shares
 from apil_core.rundir import environment
 from apil_core.stop_signal import Stopped, StopWish
-from apil_core.torch_threads import one_torch_thread
 from apil_core.victims.student import load_file, save_file
 
 Scores = dict[str, EvaluationResult]

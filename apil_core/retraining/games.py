@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from apil_core.errors import PluginError
-from apil_core.finite import all_finite
+from apil_core.common.errors import PluginError
+from apil_core.common.tensors import all_finite
 from apil_core.game import Game, GameStep
 from apil_core.normalize import ReturnNormalizer
 from apil_core.retraining.learner import VictimLearner

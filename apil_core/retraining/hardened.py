@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from apil_core.errors import VictimError
+from apil_core.common.errors import VictimError
 from apil_core.retraining.folder import RetrainDir
 from apil_core.retraining.mark import is_retraining
 from apil_core.victims.student_policy import StudentPolicy

@@ -18,9 +18,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from apil_core.common.errors import ApilError
 from apil_core.config import PPOConfig
 from apil_core.distillation.learner import Memory
-from apil_core.errors import ApilError
 from apil_core.retraining.critic import Critic
 from apil_core.retraining.network import VictimNetwork
 from apil_core.retraining.rollout import Piece, VictimRollout

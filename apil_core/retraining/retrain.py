@@ -10,9 +10,9 @@ from pydantic import ValidationError
 
 from apil_core import checkpoint
 from apil_core.checkpoint_fit import check_same_settings, fitting
+from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.config_absent import with_absent
 from apil_core.config_errors import problems_of
-from apil_core.errors import ConfigError, RunDirError
 from apil_core.log_rows import iterations_in_rows
 from apil_core.plugins import PluginRegistry, discover
 from apil_core.progress import Progress

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import torch
 
 from apil_core.build import check_device
+from apil_core.common.errors import ConfigError, UnknownNameError, VictimError
+from apil_core.common.seeds import stream_generator, stream_seed
 from apil_core.config import RewardConfig
 from apil_core.default_victim import default_baseline
-from apil_core.errors import ConfigError, UnknownNameError, VictimError
 from apil_core.game import Game
 from apil_core.plugins import PluginRegistry
 from apil_core.policy import Policy
@@ -25,7 +26,6 @@ from apil_core.retraining.trainable import StoredCritic, Trainable, trainable
 from apil_core.retraining.trainer import RetrainTrainer
 from apil_core.rewards import resolve_weights
 from apil_core.seats import Taking, load_victim
-from apil_core.seeds import stream_generator, stream_seed
 from apil_core.specs import load
 
 

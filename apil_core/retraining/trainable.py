@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from apil_core.adversary import AdversaryPolicy
-from apil_core.errors import VictimError
+from apil_core.common.errors import VictimError
 from apil_core.normalize import ObservationNormalizer
 from apil_core.policy import Policy
 from apil_core.types import OWN_GROUP

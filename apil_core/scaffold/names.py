@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from apil_core.errors import ConfigError
+from apil_core.common.errors import ConfigError
 from apil_core.plugins import PluginRegistry
 
 Kind = Literal["method", "game", "victim"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from apil_core.memory import MEGABYTE, resident_mb
+from apil_core.common.machine import MEGABYTE, resident_mb
 
 _CLEAR = Path("/proc/self/clear_refs")
 _STATUS = Path("/proc/self/status")

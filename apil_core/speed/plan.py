@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
+from apil_core.common.errors import ConfigError, UnknownNameError
 from apil_core.config import RunConfig
 from apil_core.config_io import resolve
 from apil_core.doctor.processor import usable_cpus
-from apil_core.errors import ConfigError, UnknownNameError
 from apil_core.plugins import PluginRegistry
 from apil_core.registry import options_model
 from apil_core.seats import victim_name

@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 from statsmodels.stats.weightstats import DescrStatsW
 
-from apil_core.errors import RunDirError
-from apil_core.files import write_atomically
+from apil_core.common.errors import RunDirError
+from apil_core.common.files import write_atomically
 
 Level = Literal["physics", "game", "victim", "collection", "training", "direct"]
 """What is measured, each but the last on top of the one before:

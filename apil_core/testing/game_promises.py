@@ -10,7 +10,7 @@ from contextlib import redirect_stdout
 
 import numpy as np
 
-from apil_core.errors import ApilError
+from apil_core.common.errors import ApilError
 from apil_core.game import Array, GameStep
 from apil_core.testing.game_facts import LONGEST, arrays, endings, layout
 from apil_core.testing.game_play import GAMES, Play, Trial, plain, same, snapshot

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from apil_core.errors import UnknownNameError
+from apil_core.common.errors import UnknownNameError
 from apil_core.game import Game
 from apil_core.plugins import PluginRegistry
 from apil_core.registry import make_game

@@ -11,8 +11,8 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from apil_core.common.errors import PluginError
 from apil_core.config_models import options_model
-from apil_core.errors import PluginError
 from apil_core.hook_fit import forgotten
 from apil_core.method import Method
 from apil_core.plugins import PluginRegistry

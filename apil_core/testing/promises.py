@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from apil_core.errors import ApilError, PluginError
+from apil_core.common.errors import ApilError, PluginError
 from apil_core.hookspecs import ProcessHooks, RunHooks
 
 

@@ -9,9 +9,9 @@ from typing import Any
 
 from apil_core import checkpoint
 from apil_core.build import build
+from apil_core.common.errors import PluginError, UnknownNameError
 from apil_core.config import RunConfig
 from apil_core.config_io import complete
-from apil_core.errors import PluginError, UnknownNameError
 from apil_core.plugins import PluginRegistry, discover
 from apil_core.progress import Progress
 from apil_core.run_hooks import RunHookManager

@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel
 
+from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.curves import Line
-from apil_core.errors import ConfigError, RunDirError
 from apil_core.plugins import PluginRegistry
 from apil_core.recorders import read_metrics
 from apil_core.rundir import RunDir

@@ -12,7 +12,7 @@ from pathlib import Path
 from secrets import token_hex
 from typing import Any
 
-from apil_core.errors import ApilError
+from apil_core.common.errors import ApilError
 from apil_core.trackers.tracked import PROJECT, TrackedRun, one_line
 
 FINISH_SECONDS = 60.0

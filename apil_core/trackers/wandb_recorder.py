@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from apil_core.errors import ApilError
-from apil_core.extras import need
+from apil_core.common.errors import ApilError
+from apil_core.common.extras import need
 from apil_core.recorders import read_metrics
 from apil_core.trackers.tracked import PROJECT, TrackedRun, one_line
 

@@ -7,7 +7,7 @@ import re
 
 import torch
 
-from apil_core.errors import VictimError
+from apil_core.common.errors import VictimError
 from apil_core.policy import Policy, PolicyInfo
 from apil_core.types import Decision, DiagonalGaussian, View
 

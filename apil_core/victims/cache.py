@@ -17,7 +17,7 @@ import platformdirs
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from apil_core.errors import VictimError
+from apil_core.common.errors import VictimError
 from apil_core.victims.catalogue import ZooEntry
 from apil_core.victims.layout import Vector, join, tensor_shapes
 

@@ -12,7 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from apil_core.errors import ApilError, VictimError
+from apil_core.common.errors import ApilError, VictimError
 from apil_core.game import SideLayout
 from apil_core.policy import Policy
 from apil_core.types import Decision, View

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from apil_core.errors import UnknownNameError, VictimError
+from apil_core.common.errors import UnknownNameError, VictimError
 from apil_core.victims import cache, catalogue
 from apil_core.victims.catalogue import ZooEntry
 from apil_core.victims.importer import ImportRow, ZooImportError, import_zoo

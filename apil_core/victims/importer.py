@@ -6,7 +6,7 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from apil_core.errors import VictimError
+from apil_core.common.errors import VictimError
 from apil_core.victims import cache, catalogue
 from apil_core.victims.catalogue import ZooEntry
 from apil_core.victims.layout import Vector, split, tensor_shapes, vector_length

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from apil_core.errors import UnknownNameError
+from apil_core.common.errors import UnknownNameError
 from apil_core.specs import PolicyListing
 from apil_core.victims import cache, catalogue
 from apil_core.victims.download import download_zoo

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from apil_core.errors import VictimError
+from apil_core.common.errors import VictimError
 
 MAX_BYTES = 1 << 26
 """Largest pickle that is looked at; the zoo's largest has 1.5 MB."""

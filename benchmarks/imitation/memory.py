@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from apil_apil.quality import prediction_quality
 from apil_core import DiagonalGaussian, ObservationNormalizer, mlp
-from apil_core.torch_threads import one_torch_thread
+from apil_core.common.torch_threads import one_torch_thread
 
 PASSES, PARTS, RATE = 4, 4, 1e-3
 State = tuple[Tensor, Tensor]

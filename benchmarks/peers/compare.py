@@ -24,7 +24,7 @@ from pure_physics import PurePhysics
 from rsl_rl_peer import RslRl
 from task import Contestant, Task, victim_of
 
-from apil_core.errors import ApilError
+from apil_core.common.errors import ApilError
 from apil_core.rundir import environment
 
 SB3 = ("dummy:8", f"subproc:{os.cpu_count()}", "subproc:8")

@@ -89,7 +89,7 @@ def test_a_job_does_what_is_missing_and_no_more(done: Ledger):
 def test_a_job_waits_for_a_process_that_is_still_at_it(done: Ledger, monkeypatch: pytest.MonkeyPatch):
     """One whose supervisor died, and that is writing its last checkpoint."""
     from apil_core.bench import work
-    from apil_core.errors import RunDirError
+    from apil_core.common.errors import RunDirError
 
     monkeypatch.setattr(work, "_PATIENCE", 0.2)
     with work._alone(done.bench, CELL), pytest.raises(RunDirError, match=f"has been at {CELL}"):

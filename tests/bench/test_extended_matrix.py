@@ -15,9 +15,9 @@ from apil_core.bench.players import with_full_names
 from apil_core.bench.schedule import run_jobs
 from apil_core.bench.still_valid import check_same_retraining
 from apil_core.cli.bench_run import _same_as_stored
-from apil_core.counts import whole_number
+from apil_core.common.errors import ConfigError
+from apil_core.common.numbers import whole_number
 from apil_core.crossplay_document import CrossPlay
-from apil_core.errors import ConfigError
 from tests.bench.small_matrix import Here, small_matrix
 
 GAME = "toy-pursuit"

@@ -15,7 +15,7 @@ from apil_core.bench.cells import resolve_matrix
 from apil_core.bench.folder import BenchDir
 from apil_core.bench.jobs import matches
 from apil_core.bench.matrix import Matrix, load_matrix, matrix_names
-from apil_core.errors import ApilError
+from apil_core.common.errors import ApilError
 from bench.small_matrix import small_matrix
 
 

@@ -14,7 +14,8 @@ import pytest
 from envs.opengl import need_opengl
 from PIL import Image
 
-from apil_core import Window, colours
+from apil_core import Window
+from apil_core.common import colours
 from apil_envs import gl
 from apil_envs.toy import ToyPursuit
 from cli.cli_helpers import COIN, Apil

@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 
 from apil_core import ApilError, ConfigError, RunDirError, evaluate
+from apil_core.common.statistics import difference
 from apil_core.crossplay import crossplay
 from apil_core.crossplay_document import CrossPlay, comparisons
 from apil_core.crossplay_labels import labelled
 from apil_core.crossplay_picture import draw_crossplay
 from apil_core.crossplay_players import check_unchanged
-from apil_core.difference import difference
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult
 from apil_core.runner import run

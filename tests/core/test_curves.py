@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from apil_core import ApilError, ConfigError, RunDirError, colours
+from apil_core import ApilError, ConfigError, RunDirError
+from apil_core.common import colours
 from apil_core.curve_groups import read_groups
 from apil_core.curve_picture import draw_curves
 from apil_core.curves import read_curve

@@ -133,7 +133,7 @@ def test_the_games_own_baseline_can_be_scored():
 
 
 def test_streams_of_one_seed_are_independent():
-    from apil_core.seeds import stream_generator
+    from apil_core.common.seeds import stream_generator
 
     names = (
         "evaluation seat 0",

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import pytest
 
 from apil_core import ConfigError, GameSpec, Matchup, PublishedScore, Section
-from apil_core.difference import difference
+from apil_core.common.statistics import difference
 from apil_core.fidelity import missing_policy, play_rows, summary
 from apil_core.fidelity_file import FidelityFile, FidelityRow
 from apil_core.fidelity_plan import Plan, PlanRequest, RowPlan, plan_rows, switches

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from apil_core import ObservationNormalizer, ReturnNormalizer
-from apil_core.finite import all_finite
+from apil_core.common.tensors import all_finite
 from apil_core.normalize import RunningMoments
 
 

@@ -6,7 +6,7 @@ import types
 
 import pytest
 
-from apil_core.errors import PluginError, UnknownNameError
+from apil_core.common.errors import PluginError, UnknownNameError
 from apil_core.hooks import hookimpl
 from apil_core.plugins import PluginRecord, PluginRegistry, discover
 from apil_core.run_hooks import RunHookManager

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from apil_core.errors import RunDirError
+from apil_core.common.errors import RunDirError
 from apil_core.plugins import discover
 from apil_core.recorders import JsonlRecorder, TensorBoardRecorder, read_metrics, truncate_metrics
 from apil_core.rundir import RunDir

@@ -9,10 +9,10 @@ import pytest
 import torch
 
 from apil_core import ApilError, ConfigError, run
+from apil_core.common.seeds import stream_seed
 from apil_core.pairing import Pairing, load_pairing
 from apil_core.play import play
 from apil_core.rundir import RunDir
-from apil_core.seeds import stream_seed
 from apil_core.show import Programme, show
 from apil_core.spectacle import Moment, Spectacle
 from core.small_runs import small_config

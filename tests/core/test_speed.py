@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from apil_core.errors import ApilError, ConfigError, RunDirError
+from apil_core.common.errors import ApilError, ConfigError, RunDirError
 from apil_core.registry import default_plugins
 from apil_core.speed.bench import SpeedWatch, measure
 from apil_core.speed.blocks import Blocks, Lap

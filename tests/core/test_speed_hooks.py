@@ -11,7 +11,7 @@ import pluggy
 import pytest
 import torch
 
-from apil_core.errors import PluginError
+from apil_core.common.errors import PluginError
 from apil_core.hooks import hookimpl
 from apil_core.registry import default_plugins
 from apil_core.run_hooks import RunHookManager

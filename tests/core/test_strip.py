@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from apil_core import ApilError, caption, colours
+from apil_core import ApilError, caption
 from apil_core.caption import Cast, Score
+from apil_core.common import colours
 from apil_core.spectacle import Moment, Outcome, PlayedGame
 from apil_core.strip import Strip, check_strip, chosen_steps
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from apil_core import ConfigError, OpponentInsideEnv, ParallelGameEnv, colours
+from apil_core import ConfigError, OpponentInsideEnv, ParallelGameEnv
+from apil_core.common import colours
 
 
 def has(picture: np.ndarray, colour: tuple[int, int, int]) -> bool:

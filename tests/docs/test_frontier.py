@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from apil_core.errors import ConfigError
+from apil_core.common.errors import ConfigError
 from apil_core.fidelity_file import FidelityRow
 from apil_core.fidelity_plan import RowPlan
 from apil_core.results import EvaluationResult, wilson

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from apil_core.bench.folder import BenchDir
-from apil_core.errors import RunDirError
+from apil_core.common.errors import RunDirError
 from apil_core.report.evidence import gather
 from apil_core.report.models import Cell, Evidence, Table
 from apil_core.report.tables import write_tables

@@ -5,7 +5,7 @@ from __future__ import annotations
 import plotly.graph_objects as go
 import pytest
 
-from apil_core import colours
+from apil_core.common import colours
 from apil_core.curves import WIN, WIN_OR_TIE
 from apil_core.report.figures import palette
 from apil_core.report.figures.activations import activation_plots

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from apil_core.difference import difference
+from apil_core.common.statistics import difference
 from apil_core.report.statistics import (
     compared,
     interquartile_mean,

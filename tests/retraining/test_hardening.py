@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from apil_core.difference import difference
-from apil_core.errors import RunDirError
+from apil_core.common.errors import RunDirError
+from apil_core.common.statistics import difference
 from apil_core.results import EvaluationResult
 from apil_core.retraining.curve import draw_opponents, read_opponents
 from apil_core.retraining.folder import RetrainDir

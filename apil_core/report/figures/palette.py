@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from apil_core import colours
+from apil_core.common import colours
 from apil_core.game import Colour
 
 BASELINE = "baseline"

@@ -13,7 +13,7 @@ from pathlib import PurePosixPath
 
 import torch
 
-from apil_core.errors import VictimError
+from apil_core.common.errors import VictimError
 from apil_core.victims.foreign.origin import Origin, one_line
 
 MAX_BYTES = 1 << 30

@@ -21,7 +21,7 @@ import torch
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from torch import Tensor
 
-from apil_core.errors import ApilError, VictimError
+from apil_core.common.errors import ApilError, VictimError
 from apil_core.game import SideLayout
 from apil_core.policy import Policy, PolicyInfo
 from apil_core.types import Decision, DiagonalGaussian, View

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from apil_core.errors import VictimError
-from apil_core.files import sha256
+from apil_core.common.errors import VictimError
+from apil_core.common.files import sha256
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from typing import Any
 
 import torch
 
-from apil_core.errors import ApilError, VictimError
-from apil_core.files import sha256
+from apil_core.common.errors import ApilError, VictimError
+from apil_core.common.files import sha256
 from apil_core.game import SideLayout
 from apil_core.policy import Policy, PolicyInfo
 from apil_core.types import Decision, View

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor, nn
 
-from apil_core.errors import VictimError
+from apil_core.common.errors import VictimError
 from apil_core.policy import Policy, PolicyInfo
 from apil_core.types import Decision, DiagonalGaussian, View
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from types import ModuleType
 
-from apil_core.errors import ApilError
+from apil_core.common.errors import ApilError
 
 
 def need(module: str, package: str, purpose: str, *, extra: str = "") -> ModuleType:

@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import BinaryIO
 
-from apil_core.errors import ConfigError, RunDirError
+from apil_core.common.errors import ConfigError, RunDirError
 
 
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:

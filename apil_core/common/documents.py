@@ -7,8 +7,8 @@ from typing import ClassVar, Self
 
 from pydantic import BaseModel, ValidationError
 
-from apil_core.errors import ConfigError
-from apil_core.files import write_atomically
+from apil_core.common.errors import ConfigError
+from apil_core.common.files import write_atomically
 
 
 class JsonDocument(BaseModel):
