@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _HOMES = {
-    "apil_core.hooks": ("hookimpl", "hookspec"),
-    "apil_core.hook_api": ("HOOK_API", "Deprecation"),
+    "apil_core.api.hooks": ("hookimpl", "hookspec"),
+    "apil_core.api.hook_api": ("HOOK_API", "Deprecation"),
     "apil_core.common.errors": (
         "ApilError",
         "ConfigError",
@@ -22,7 +22,7 @@ _HOMES = {
         "UnknownNameError",
         "VictimError",
     ),
-    "apil_core.specs": (
+    "apil_core.api.specs": (
         "GameSpec",
         "Matchup",
         "MethodSpec",
@@ -33,17 +33,17 @@ _HOMES = {
         "RecorderSpec",
         "RewardWeights",
     ),
-    "apil_core.game": ("NO_WINNER", "Colour", "Game", "GameLayout", "GameStep", "SideLayout", "Window"),
-    "apil_core.stopwatch": ("PhysicsStopwatch",),
+    "apil_core.api.game": ("NO_WINNER", "Colour", "Game", "GameLayout", "GameStep", "SideLayout", "Window"),
+    "apil_core.api.stopwatch": ("PhysicsStopwatch",),
     "apil_core.views": ("OpponentInsideEnv", "ParallelGameEnv"),
     "apil_core.common.torch_threads": ("side_by_side",),
-    "apil_core.types": ("Context", "Decision", "DiagonalGaussian", "Rollout", "StepBatch", "View"),
-    "apil_core.policy": ("Policy", "PolicyInfo"),
-    "apil_core.method": ("Method", "MethodSetup", "Observer", "Run", "RunPlugin"),
+    "apil_core.api.types": ("Context", "Decision", "DiagonalGaussian", "Rollout", "StepBatch", "View"),
+    "apil_core.api.policy": ("Policy", "PolicyInfo"),
+    "apil_core.api.method": ("Method", "MethodSetup", "Observer", "Run", "RunPlugin"),
     "apil_core.networks": ("GaussianActor", "mlp"),
     "apil_core.normalize": ("ObservationNormalizer", "ReturnNormalizer", "RunningMoments"),
     "apil_core.returns": ("gae", "normalize_advantages"),
-    "apil_core.config": (
+    "apil_core.api.config": (
         "CheckpointConfig",
         "EvaluationConfig",
         "PPOConfig",
@@ -52,7 +52,7 @@ _HOMES = {
         "Section",
         "absent",
     ),
-    "apil_core.profiles": ("ProfiledOptions",),
+    "apil_core.api.profiles": ("ProfiledOptions",),
     "apil_core.evaluation": ("EvaluationResult",),
     "apil_core.evaluator": ("evaluate",),
     "apil_core.runner": ("RunResult", "resume", "run"),
@@ -79,6 +79,48 @@ def __dir__() -> list[str]:
 
 
 if TYPE_CHECKING:
+    from apil_core.api.config import CheckpointConfig as CheckpointConfig
+    from apil_core.api.config import EvaluationConfig as EvaluationConfig
+    from apil_core.api.config import PPOConfig as PPOConfig
+    from apil_core.api.config import RewardConfig as RewardConfig
+    from apil_core.api.config import RunConfig as RunConfig
+    from apil_core.api.config import Section as Section
+    from apil_core.api.config import absent as absent
+    from apil_core.api.game import NO_WINNER as NO_WINNER
+    from apil_core.api.game import Colour as Colour
+    from apil_core.api.game import Game as Game
+    from apil_core.api.game import GameLayout as GameLayout
+    from apil_core.api.game import GameStep as GameStep
+    from apil_core.api.game import SideLayout as SideLayout
+    from apil_core.api.game import Window as Window
+    from apil_core.api.hook_api import HOOK_API as HOOK_API
+    from apil_core.api.hook_api import Deprecation as Deprecation
+    from apil_core.api.hooks import hookimpl as hookimpl
+    from apil_core.api.hooks import hookspec as hookspec
+    from apil_core.api.method import Method as Method
+    from apil_core.api.method import MethodSetup as MethodSetup
+    from apil_core.api.method import Observer as Observer
+    from apil_core.api.method import Run as Run
+    from apil_core.api.method import RunPlugin as RunPlugin
+    from apil_core.api.policy import Policy as Policy
+    from apil_core.api.policy import PolicyInfo as PolicyInfo
+    from apil_core.api.profiles import ProfiledOptions as ProfiledOptions
+    from apil_core.api.specs import GameSpec as GameSpec
+    from apil_core.api.specs import Matchup as Matchup
+    from apil_core.api.specs import MethodSpec as MethodSpec
+    from apil_core.api.specs import ObserverSpec as ObserverSpec
+    from apil_core.api.specs import PolicyListing as PolicyListing
+    from apil_core.api.specs import PolicySpec as PolicySpec
+    from apil_core.api.specs import PublishedScore as PublishedScore
+    from apil_core.api.specs import RecorderSpec as RecorderSpec
+    from apil_core.api.specs import RewardWeights as RewardWeights
+    from apil_core.api.stopwatch import PhysicsStopwatch as PhysicsStopwatch
+    from apil_core.api.types import Context as Context
+    from apil_core.api.types import Decision as Decision
+    from apil_core.api.types import DiagonalGaussian as DiagonalGaussian
+    from apil_core.api.types import Rollout as Rollout
+    from apil_core.api.types import StepBatch as StepBatch
+    from apil_core.api.types import View as View
     from apil_core.common.errors import ApilError as ApilError
     from apil_core.common.errors import ConfigError as ConfigError
     from apil_core.common.errors import PluginError as PluginError
@@ -86,30 +128,7 @@ if TYPE_CHECKING:
     from apil_core.common.errors import UnknownNameError as UnknownNameError
     from apil_core.common.errors import VictimError as VictimError
     from apil_core.common.torch_threads import side_by_side as side_by_side
-    from apil_core.config import CheckpointConfig as CheckpointConfig
-    from apil_core.config import EvaluationConfig as EvaluationConfig
-    from apil_core.config import PPOConfig as PPOConfig
-    from apil_core.config import RewardConfig as RewardConfig
-    from apil_core.config import RunConfig as RunConfig
-    from apil_core.config import Section as Section
-    from apil_core.config import absent as absent
     from apil_core.evaluator import evaluate as evaluate
-    from apil_core.game import NO_WINNER as NO_WINNER
-    from apil_core.game import Colour as Colour
-    from apil_core.game import Game as Game
-    from apil_core.game import GameLayout as GameLayout
-    from apil_core.game import GameStep as GameStep
-    from apil_core.game import SideLayout as SideLayout
-    from apil_core.game import Window as Window
-    from apil_core.hook_api import HOOK_API as HOOK_API
-    from apil_core.hook_api import Deprecation as Deprecation
-    from apil_core.hooks import hookimpl as hookimpl
-    from apil_core.hooks import hookspec as hookspec
-    from apil_core.method import Method as Method
-    from apil_core.method import MethodSetup as MethodSetup
-    from apil_core.method import Observer as Observer
-    from apil_core.method import Run as Run
-    from apil_core.method import RunPlugin as RunPlugin
     from apil_core.networks import GaussianActor as GaussianActor
     from apil_core.networks import mlp as mlp
     from apil_core.normalize import ObservationNormalizer as ObservationNormalizer
@@ -117,9 +136,6 @@ if TYPE_CHECKING:
     from apil_core.normalize import RunningMoments as RunningMoments
     from apil_core.pettingzoo_game.options import PettingZooOptions as PettingZooOptions
     from apil_core.pettingzoo_game.plugin import pettingzoo_spec as pettingzoo_spec
-    from apil_core.policy import Policy as Policy
-    from apil_core.policy import PolicyInfo as PolicyInfo
-    from apil_core.profiles import ProfiledOptions as ProfiledOptions
     from apil_core.registry import load_policy as load_policy
     from apil_core.registry import make_game as make_game
     from apil_core.results import EvaluationResult as EvaluationResult
@@ -128,22 +144,6 @@ if TYPE_CHECKING:
     from apil_core.runner import RunResult as RunResult
     from apil_core.runner import resume as resume
     from apil_core.runner import run as run
-    from apil_core.specs import GameSpec as GameSpec
-    from apil_core.specs import Matchup as Matchup
-    from apil_core.specs import MethodSpec as MethodSpec
-    from apil_core.specs import ObserverSpec as ObserverSpec
-    from apil_core.specs import PolicyListing as PolicyListing
-    from apil_core.specs import PolicySpec as PolicySpec
-    from apil_core.specs import PublishedScore as PublishedScore
-    from apil_core.specs import RecorderSpec as RecorderSpec
-    from apil_core.specs import RewardWeights as RewardWeights
-    from apil_core.stopwatch import PhysicsStopwatch as PhysicsStopwatch
-    from apil_core.types import Context as Context
-    from apil_core.types import Decision as Decision
-    from apil_core.types import DiagonalGaussian as DiagonalGaussian
-    from apil_core.types import Rollout as Rollout
-    from apil_core.types import StepBatch as StepBatch
-    from apil_core.types import View as View
     from apil_core.victims.conformance import Conformance as Conformance
     from apil_core.victims.conformance import check_policy as check_policy
     from apil_core.views import OpponentInsideEnv as OpponentInsideEnv

@@ -8,14 +8,14 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
 
+from apil_core.api.method import RunPlugin
+from apil_core.api.policy import Policy, PolicyInfo
+from apil_core.api.types import OWN_GROUP, PRIVILEGED_GROUP, Context, Decision, View
 from apil_core.common.errors import PluginError
 from apil_core.common.seeds import stream_seed
 from apil_core.learner import Actor
-from apil_core.method import RunPlugin
 from apil_core.normalize import ObservationNormalizer
-from apil_core.policy import Policy, PolicyInfo
 from apil_core.run_hooks import RunHookManager, shown
-from apil_core.types import OWN_GROUP, PRIVILEGED_GROUP, Context, Decision, View
 
 HOOK_STREAM = "evaluation hooks"
 """Random stream of stochastic hooks where there is no run."""

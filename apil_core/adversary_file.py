@@ -18,13 +18,13 @@ from safetensors.torch import save
 from torch import Tensor
 
 from apil_core.adversary import AdversaryPolicy
+from apil_core.api.config import RunConfig
+from apil_core.api.game import GameLayout, SideLayout
+from apil_core.api.policy import PolicyInfo
 from apil_core.build import adversary_policy
 from apil_core.common.errors import ApilError, ConfigError, VictimError
-from apil_core.config import RunConfig
 from apil_core.config_absent import read_stored
-from apil_core.game import GameLayout, SideLayout
 from apil_core.plugins import PluginRegistry
-from apil_core.policy import PolicyInfo
 from apil_core.victims.foreign.origin import Origin, one_line
 
 FORMAT = "apil-adversary-1"

@@ -9,10 +9,10 @@ from pathlib import Path
 from PIL import Image
 
 from apil_core import caption
+from apil_core.api.game import Game
 from apil_core.caption import Cast
 from apil_core.common import colours
 from apil_core.film import Film, pace
-from apil_core.game import Game
 from apil_core.spectacle import Moment, PlayedGame
 from apil_core.strip import Strip, chosen_steps
 

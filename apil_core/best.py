@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from apil_core.config import StopConfig
+from apil_core.api.config import StopConfig
 from apil_core.results import EvaluationResult
 
 

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, get_args
 import torch
 from torch import Tensor
 
+from apil_core.api.config import BlindMode
 from apil_core.common.errors import ConfigError, UnknownNameError
 from apil_core.common.seeds import stream_seed
-from apil_core.config import BlindMode
 
 if TYPE_CHECKING:
     from apil_core.pairing import Pairing

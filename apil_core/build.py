@@ -9,22 +9,22 @@ from typing import Any
 import torch
 
 from apil_core.adversary import HOOK_STREAM, AdversaryPolicy, ObservationBuilder
+from apil_core.api.config import RunConfig
+from apil_core.api.game import Game, GameLayout
+from apil_core.api.method import Method, MethodSetup, Observer, RunPlugin
+from apil_core.api.policy import Policy, PolicyInfo
+from apil_core.api.types import Context
 from apil_core.common.errors import ConfigError, PluginError
 from apil_core.common.seeds import stream_generator, stream_seed
-from apil_core.config import RunConfig
 from apil_core.distributed.world import ALONE, World
-from apil_core.game import Game, GameLayout
 from apil_core.game_env import AttackEnv
 from apil_core.learner import Actor, Learner
-from apil_core.method import Method, MethodSetup, Observer, RunPlugin
 from apil_core.plugin_state import check_states, load_states
 from apil_core.plugins import PluginRegistry
-from apil_core.policy import Policy, PolicyInfo
 from apil_core.registry import build_methods, build_observers, game_spec, make_game
 from apil_core.rewards import resolve_weights
 from apil_core.run_hooks import RunHookManager
 from apil_core.seats import pinned, run_victim, victim_side
-from apil_core.types import Context
 
 
 @dataclass

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from apil_core.hooks import hookimpl
-from apil_core.specs import RecorderSpec
+from apil_core.api.hooks import hookimpl
+from apil_core.api.specs import RecorderSpec
 
 APIL_HOOK_API = 2
 

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from apil_core.api.config import RunConfig
 from apil_core.common.errors import RunDirError
-from apil_core.config import RunConfig
 from apil_core.config_absent import with_absent
 from apil_core.config_io import flatten
 from apil_core.distributed.world import World

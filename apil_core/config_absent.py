@@ -10,12 +10,12 @@ from typing import Any, TypeVar, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic_core import to_jsonable_python
 
+from apil_core.api.config import Absent, RunConfig
+from apil_core.api.specs import RunPluginSpec
 from apil_core.common.errors import ApilError
-from apil_core.config import Absent, RunConfig
 from apil_core.config_layers import texts_in
 from apil_core.config_models import options_model
 from apil_core.plugins import PluginRegistry
-from apil_core.specs import RunPluginSpec
 
 Model = TypeVar("Model", bound=BaseModel)
 

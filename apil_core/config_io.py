@@ -15,8 +15,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from apil_core.api.config import SCHEMA_VERSION, RunConfig
+from apil_core.api.specs import GameSpec, RunPluginSpec, titled
 from apil_core.common.errors import ConfigError, suggest
-from apil_core.config import SCHEMA_VERSION, RunConfig
 from apil_core.config_absent import read_stored, with_absent
 from apil_core.config_errors import Problem, problems_of, raise_problems, unknown_name
 from apil_core.config_layers import (
@@ -35,7 +36,6 @@ from apil_core.config_yaml import dump_yaml as dump_yaml
 from apil_core.default_victim import default_victim
 from apil_core.game_options import game_model, profile_problems, settled
 from apil_core.plugins import PluginRegistry
-from apil_core.specs import GameSpec, RunPluginSpec, titled
 
 _IDENTITY = ("version", "method", "env", "victim", "steps", "num_envs", "seed", "reward", "ppo", "options")
 """What every stored config has; a default in its place would silently be another run."""

@@ -8,10 +8,10 @@ from typing import Any
 
 from pydantic import BaseModel, Field, create_model
 
+from apil_core.api.config import RunConfig, Section
+from apil_core.api.specs import RunPluginSpec, load, titled
 from apil_core.common.errors import PluginError
-from apil_core.config import RunConfig, Section
 from apil_core.plugins import PluginRegistry
-from apil_core.specs import RunPluginSpec, load, titled
 
 
 class NoOptions(Section):

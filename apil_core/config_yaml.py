@@ -9,7 +9,7 @@ from pydantic import BaseModel
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
-from apil_core.config import RunConfig
+from apil_core.api.config import RunConfig
 from apil_core.config_models import full_model
 from apil_core.plugins import PluginRegistry
 

@@ -6,11 +6,11 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+from apil_core.api.specs import GameSpec
 from apil_core.common.errors import ConfigError
 from apil_core.crossplay_players import Names, run_config
 from apil_core.registry import default_plugins
 from apil_core.retraining.folder import RetrainDir, is_retraining
-from apil_core.specs import GameSpec
 
 AUTO, BASELINE, ORIGINAL = "auto", "baseline", "original"
 

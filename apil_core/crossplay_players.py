@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypedDict
 
+from apil_core.api.config import ActionMode, RunConfig
+from apil_core.api.profiles import Profile
 from apil_core.common.errors import ConfigError, RunDirError
-from apil_core.config import ActionMode, RunConfig
 from apil_core.crossplay_document import Player
 from apil_core.pairing import Pairing, circumstances, load_pairing
 from apil_core.plugins import PluginRegistry
-from apil_core.profiles import Profile
 from apil_core.results import Circumstances, PolicyId, in_words
 from apil_core.trained import Source, run_path
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from apil_core.api.profiles import FAITHFUL
 from apil_core.curve_groups import CurveGroup
 from apil_core.episodes import WINDOW
-from apil_core.profiles import FAITHFUL
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
+from apil_core.api.game import Colour
 from apil_core.common import colours
 from apil_core.common.charts import GREY, STYLE
 from apil_core.common.errors import ConfigError
@@ -20,7 +21,6 @@ from apil_core.common.files import write_atomically
 from apil_core.curve_captions import Wording, legend
 from apil_core.curve_groups import CurveGroup
 from apil_core.curves import IMITATOR, RETURN, WIN, WIN_OR_TIE, Curve, Line
-from apil_core.game import Colour
 from apil_core.results import Rate
 
 FORMATS = (".png", ".svg", ".pdf")

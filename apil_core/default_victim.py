@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from apil_core.api.specs import GameSpec, PolicyListing, load
 from apil_core.plugins import PluginRegistry
-from apil_core.specs import GameSpec, PolicyListing, load
 
 
 def default_victim(spec: GameSpec, plugins: PluginRegistry) -> str:

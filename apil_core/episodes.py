@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from apil_core.types import StepBatch
+from apil_core.api.types import StepBatch
 
 WINDOW = 1000
 """How many of the last ended games the running rates cover."""

@@ -6,10 +6,10 @@ import time
 from collections import Counter
 from typing import Any
 
+from apil_core.api.config import BlindMode
+from apil_core.api.game import Game
 from apil_core.blinding import make_blinding
 from apil_core.common.seeds import stream_seed
-from apil_core.config import BlindMode
-from apil_core.game import Game
 from apil_core.pairing import Pairing, circumstances
 from apil_core.play import Tally, play
 from apil_core.progress import Progress

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Unpack
 
+from apil_core.api.config import BlindMode
 from apil_core.blinding import check_blinding
 from apil_core.common.errors import ConfigError
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.config import BlindMode
 from apil_core.evaluation import MAX_PARALLEL_GAMES, score
 from apil_core.pairing import PairingOptions, load_pairing
 from apil_core.progress import Progress

@@ -12,7 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from apil_core.config import PPOConfig
+from apil_core.api.config import PPOConfig
 
 
 def make_noise(

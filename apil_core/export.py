@@ -18,20 +18,20 @@ import torch
 
 from apil_core import checkpoint
 from apil_core.adversary_file import to_bytes, without_folders
+from apil_core.api.config import RunConfig
+from apil_core.api.game import Game
+from apil_core.api.policy import Policy
+from apil_core.api.types import View
 from apil_core.common.errors import ApilError, ConfigError
 from apil_core.common.extras import need
 from apil_core.common.files import write_atomically
 from apil_core.common.seeds import stream_seed
-from apil_core.config import RunConfig
 from apil_core.config_absent import completed
 from apil_core.exported_network import Traced, onnx_bytes, torchscript_bytes, trace
-from apil_core.game import Game
 from apil_core.plugins import PluginRegistry, discover
-from apil_core.policy import Policy
 from apil_core.registry import default_plugins, load_policy, make_game
 from apil_core.seats import victim_side
 from apil_core.trained import Source, run_path
-from apil_core.types import View
 
 Format = Literal["onnx", "torchscript", "safetensors"]
 

@@ -15,10 +15,10 @@ import torch
 from torch import Tensor, nn
 
 from apil_core.adversary import AdversaryPolicy
+from apil_core.api.game import SideLayout
+from apil_core.api.method import RunPlugin
+from apil_core.api.types import View
 from apil_core.common.errors import ApilError
-from apil_core.game import SideLayout
-from apil_core.method import RunPlugin
-from apil_core.types import View
 from apil_core.victims.foreign.archive import rebuilt
 from apil_core.victims.foreign.network import SIGNATURE_FILE, Reads, Signature
 from apil_core.victims.foreign.origin import one_line

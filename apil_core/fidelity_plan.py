@@ -14,12 +14,12 @@ from typing import Any, Literal, Union
 
 from pydantic import BaseModel
 
+from apil_core.api.config import ActionMode, EvaluationConfig
+from apil_core.api.profiles import Profile, ProfiledOptions
+from apil_core.api.specs import GameSpec, Matchup, PublishedScore, load
 from apil_core.common.errors import ConfigError, suggest
-from apil_core.config import ActionMode, EvaluationConfig
 from apil_core.game_options import PHYSICS
-from apil_core.profiles import Profile, ProfiledOptions
 from apil_core.registry import options_model
-from apil_core.specs import GameSpec, Matchup, PublishedScore, load
 
 _MODE_KEYS = ("adversary_actions", "victim_actions")
 _MODES: tuple[ActionMode, ...] = ("sample", "mode")

@@ -15,20 +15,12 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from apil_core.adversary import ObservationBuilder
-from apil_core.common.errors import PluginError
-from apil_core.common.tensors import all_finite
-from apil_core.config import RunConfig
-from apil_core.episodes import EpisodeStats
-from apil_core.game import Game, GameStep
-from apil_core.method import Run
-from apil_core.normalize import ObservationNormalizer, ReturnNormalizer
-from apil_core.observation_filter import ObservationFilter
-from apil_core.policy import Policy
-from apil_core.rewards import dense_share, training_reward
-from apil_core.rollout_buffer import RolloutBuffer
-from apil_core.run_hooks import RunHookManager
-from apil_core.specs import RewardWeights
-from apil_core.types import (
+from apil_core.api.config import RunConfig
+from apil_core.api.game import Game, GameStep
+from apil_core.api.method import Run
+from apil_core.api.policy import Policy
+from apil_core.api.specs import RewardWeights
+from apil_core.api.types import (
     PRIVILEGED_GROUP,
     Context,
     Decision,
@@ -37,6 +29,14 @@ from apil_core.types import (
     StepBatch,
     View,
 )
+from apil_core.common.errors import PluginError
+from apil_core.common.tensors import all_finite
+from apil_core.episodes import EpisodeStats
+from apil_core.normalize import ObservationNormalizer, ReturnNormalizer
+from apil_core.observation_filter import ObservationFilter
+from apil_core.rewards import dense_share, training_reward
+from apil_core.rollout_buffer import RolloutBuffer
+from apil_core.run_hooks import RunHookManager
 
 _OWN_TERMS = {"adversary", "victim", "uneven_share"}
 """Names under ``reward/`` in the metrics that are not a plugin's."""

@@ -12,13 +12,13 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError, create_model
 
+from apil_core.api.config import RunConfig, Section
+from apil_core.api.profiles import ProfiledOptions
 from apil_core.common.errors import ApilError
-from apil_core.config import RunConfig, Section
 from apil_core.config_errors import Problem, problems_of, raise_problems
 from apil_core.config_layers import Key, Layer, flag_layer, merge, set_layer
 from apil_core.config_models import NoOptions, options_model
 from apil_core.plugins import PluginRegistry
-from apil_core.profiles import ProfiledOptions
 from apil_core.registry import default_plugins
 
 PHYSICS = "physics"

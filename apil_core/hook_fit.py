@@ -14,8 +14,8 @@ from typing import Any
 
 import pluggy
 
+from apil_core.api.hooks import PROJECT, life_of
 from apil_core.common.errors import PluginError
-from apil_core.hooks import PROJECT, life_of
 
 _MAY_STAY_SILENT = frozenset({"update_auxiliary"})
 """Hooks whose answer is a report, which work without one."""

@@ -20,14 +20,14 @@ from rsl_rl.utils import reduce_gradients_in_buckets
 from tensordict import TensorDict
 from torch import Tensor, nn
 
+from apil_core.api.config import PPOConfig
+from apil_core.api.types import DiagonalGaussian
 from apil_core.common.errors import ApilError
-from apil_core.config import PPOConfig
 from apil_core.distributed.world import ALONE, World
 from apil_core.exploration import make_noise
 from apil_core.networks import mlp
 from apil_core.ppo_storage import LatentModel, PPOStorage
 from apil_core.returns import gae
-from apil_core.types import DiagonalGaussian
 
 _ADAM_EPSILON = 1e-5
 MAIN_STREAM = "reward"

@@ -11,8 +11,8 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Protocol
 
-from apil_core.config import RunConfig
-from apil_core.specs import RecorderSpec, load
+from apil_core.api.config import RunConfig
+from apil_core.api.specs import RecorderSpec, load
 
 Row = dict[str, float]
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from apil_core.types import DiagonalGaussian
+from apil_core.api.types import DiagonalGaussian
 
 
 def mlp(sizes: Sequence[int], *, output_gain: float = 1.0) -> nn.Sequential:

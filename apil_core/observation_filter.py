@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from torch import Tensor
 
+from apil_core.api.types import Context
 from apil_core.run_hooks import RunHookManager
-from apil_core.types import Context
 
 
 class ObservationFilter:

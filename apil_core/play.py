@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from apil_core.game import Game
+from apil_core.api.game import Game
+from apil_core.api.policy import Policy
+from apil_core.api.types import View
 from apil_core.observation_filter import ObservationFilter
-from apil_core.policy import Policy
-from apil_core.types import View
 
 if TYPE_CHECKING:
     pass

@@ -10,16 +10,16 @@ from typing import Any
 
 import pluggy
 
+from apil_core.api.hook_api import HOOK_API, STATEMENT
+from apil_core.api.hooks import PROJECT
+from apil_core.api.hookspecs import ProcessHooks, RunHooks
+from apil_core.api.method import Method, Observer, RunPlugin
+from apil_core.api.specs import MethodSpec, RunPluginSpec, load, titled, wanted_of
 from apil_core.common.errors import PluginError
 from apil_core.config_models import options_model
-from apil_core.hook_api import HOOK_API, STATEMENT
 from apil_core.hook_fit import register, remarks
-from apil_core.hooks import PROJECT
-from apil_core.hookspecs import ProcessHooks, RunHooks
-from apil_core.method import Method, Observer, RunPlugin
 from apil_core.plugins import PluginRecord, PluginRegistry
 from apil_core.run_hooks import RunHookManager
-from apil_core.specs import MethodSpec, RunPluginSpec, load, titled, wanted_of
 
 
 @dataclass(frozen=True)

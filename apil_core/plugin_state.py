@@ -15,7 +15,7 @@ from apil_core.common.errors import ApilError, PluginError
 from apil_core.common.seeds import undisturbed
 
 if TYPE_CHECKING:
-    from apil_core.method import RunPlugin
+    from apil_core.api.method import RunPlugin
 
 _PLAIN = (Tensor, nn.Parameter, int, float, bool, str, bytes, type(None))
 """Types known to be stored and read back as they are."""

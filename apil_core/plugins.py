@@ -17,12 +17,12 @@ from typing import Any
 
 import pluggy
 
+from apil_core.api.hook_api import check_version, stated_version, version_in_source
+from apil_core.api.hooks import PROJECT
+from apil_core.api.hookspecs import ProcessHooks, RunHooks
+from apil_core.api.specs import GameSpec, MethodSpec, ObserverSpec, PolicySpec, RecorderSpec, RunPluginSpec
 from apil_core.common.errors import PluginError, UnknownNameError
-from apil_core.hook_api import check_version, stated_version, version_in_source
 from apil_core.hook_fit import register, unmarked
-from apil_core.hooks import PROJECT
-from apil_core.hookspecs import ProcessHooks, RunHooks
-from apil_core.specs import GameSpec, MethodSpec, ObserverSpec, PolicySpec, RecorderSpec, RunPluginSpec
 
 ENTRY_POINT_GROUP = "apil"
 

@@ -10,7 +10,7 @@ from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 from torch import Tensor
 
-from apil_core.types import PRIVILEGED_GROUP
+from apil_core.api.types import PRIVILEGED_GROUP
 
 LATENT = "latent"
 """Name under which the storage keeps all observation groups side by side."""

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from apil_core.api.game import Game, SideLayout
+from apil_core.api.specs import GameSpec, MethodSpec, ObserverSpec, RunPluginSpec, load, titled, wanted_of
 from apil_core.common.errors import ApilError, ConfigError, PluginError, UnknownNameError, VictimError
-from apil_core.game import Game, SideLayout
 from apil_core.plugins import PluginRegistry, discover
-from apil_core.specs import GameSpec, MethodSpec, ObserverSpec, RunPluginSpec, load, titled, wanted_of
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from apil_core.method import Method, MethodSetup, Observer
-    from apil_core.policy import Policy
+    from apil_core.api.method import Method, MethodSetup, Observer
+    from apil_core.api.policy import Policy
 
 _default: PluginRegistry | None = None
 
@@ -126,7 +126,7 @@ def build_methods(
     """
     from dataclasses import replace
 
-    from apil_core.method import Method
+    from apil_core.api.method import Method
 
     built: dict[str, Method] = {}
     for spec in chain:
@@ -150,8 +150,8 @@ def build_observers(
     """
     import torch
 
+    from apil_core.api.method import Observer
     from apil_core.common.seeds import stream_seed, undisturbed
-    from apil_core.method import Observer
 
     built: dict[str, Observer] = {}
     for spec in specs:

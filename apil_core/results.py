@@ -6,9 +6,9 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
-from apil_core.config import ActionMode, BlindMode, RunConfig
+from apil_core.api.config import ActionMode, BlindMode, RunConfig
+from apil_core.api.policy import PolicyInfo
 from apil_core.observer_options import Observers
-from apil_core.policy import PolicyInfo
 
 
 class PolicyId(BaseModel):

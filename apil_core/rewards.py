@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from apil_core.config import RewardConfig, RunConfig
-from apil_core.game import Array, GameStep
-from apil_core.specs import RewardWeights
+from apil_core.api.config import RewardConfig, RunConfig
+from apil_core.api.game import Array, GameStep
+from apil_core.api.specs import RewardWeights
 
 
 def resolve_weights(config: RewardConfig, game: RewardWeights) -> RewardWeights:

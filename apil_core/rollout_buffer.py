@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from apil_core.types import OWN_GROUP, Rollout, StepBatch
+from apil_core.api.types import OWN_GROUP, Rollout, StepBatch
 
 _FIELDS = (
     "observation",

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import pluggy
 
+from apil_core.api.hooks import PROJECT
+from apil_core.api.hookspecs import ProcessHooks, RunHooks
+from apil_core.api.specs import MethodSpec, load
 from apil_core.common.errors import ApilError, PluginError
 from apil_core.hook_fit import register, remarks
-from apil_core.hooks import PROJECT
-from apil_core.hookspecs import ProcessHooks, RunHooks
-from apil_core.specs import MethodSpec, load
 
 if TYPE_CHECKING:
     import torch
     from torch import Tensor
 
-    from apil_core.types import Rollout
+    from apil_core.api.types import Rollout
 
 _Kind = TypeVar("_Kind")
 
@@ -239,7 +239,7 @@ class RunHookManager:
             raise PluginError(f"plugin {spec.name!r} cannot be used: {reason}") from error
 
     def _register(self, name: str, plugin: Any) -> None:
-        from apil_core.method import Observer
+        from apil_core.api.method import Observer
 
         try:
             if isinstance(plugin, Observer):  # beside any method: it must not need what only one opens

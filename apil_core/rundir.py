@@ -16,9 +16,9 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
+from apil_core.api.config import RunConfig
 from apil_core.common.errors import RunDirError
 from apil_core.common.files import write_atomically
-from apil_core.config import RunConfig
 from apil_core.distributed.world import World
 from apil_core.plugins import PluginRegistry
 from apil_core.retraining.mark import is_retraining

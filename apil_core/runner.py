@@ -11,11 +11,12 @@ from typing import Any
 from pydantic import ValidationError
 
 from apil_core import checkpoint
+from apil_core.api.config import RunConfig
+from apil_core.api.specs import load
 from apil_core.build import build
 from apil_core.checkpoint_fit import check_same_run, check_same_world, fitting
 from apil_core.common.errors import ConfigError, RunDirError, UnknownNameError
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.config import RunConfig
 from apil_core.config_absent import completed
 from apil_core.config_io import complete
 from apil_core.config_layers import POLICY_NAME
@@ -29,7 +30,6 @@ from apil_core.registry import default_plugins
 from apil_core.rundir import RunDir, part_of_rank
 from apil_core.session import RunResult as RunResult
 from apil_core.session import Session
-from apil_core.specs import load
 from apil_core.trainer import Trainer
 from apil_core.warm_start import load_teacher
 

@@ -10,6 +10,8 @@ from typing import Any, Literal
 from pydantic import BaseModel
 
 from apil_core import checkpoint
+from apil_core.api.method import RunPlugin
+from apil_core.api.policy import Policy
 from apil_core.best import EvaluationHistory
 from apil_core.common.errors import ApilError
 from apil_core.common.files import sha256
@@ -18,10 +20,8 @@ from apil_core.common.seeds import stream_seed
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.distributed.join import in_contact
 from apil_core.log_rows import Row, RowLog, iterations_per_row, open_recorders
-from apil_core.method import RunPlugin
 from apil_core.plugin_state import states_of
 from apil_core.plugins import PluginRegistry
-from apil_core.policy import Policy
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult
 from apil_core.rundir import RunDir, part_of_rank

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from apil_core.api.profiles import FAITHFUL
 from apil_core.audience import Audience, Camera, FilmAudience, StripAudience, WindowAudience, WindowClosed
 from apil_core.caption import Cast, Score
 from apil_core.common.errors import ApilError, ConfigError
@@ -12,7 +13,6 @@ from apil_core.common.files import why_unwritable
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.film import check_film
 from apil_core.pairing import Pairing, circumstances
-from apil_core.profiles import FAITHFUL
 from apil_core.progress import Progress
 from apil_core.results import Circumstances
 from apil_core.spectacle import Moment, Outcome, PlayedGame, Spectacle

@@ -6,14 +6,14 @@ from typing import Any
 
 import torch
 
+from apil_core.api.policy import Policy
+from apil_core.api.types import Rollout
 from apil_core.build import Attack
 from apil_core.common.seeds import stream_seed
 from apil_core.game_env import AttackEnv
 from apil_core.plugins import PluginRegistry
-from apil_core.policy import Policy
 from apil_core.registry import make_game
 from apil_core.rollout_buffer import RolloutBuffer
-from apil_core.types import Rollout
 
 
 class SideGames:

@@ -11,8 +11,8 @@ import torch
 from pydantic import BaseModel
 
 from apil_core.adversary import AdversaryPolicy
+from apil_core.api.game import GameStep
 from apil_core.common.seeds import stream_seed
-from apil_core.game import GameStep
 from apil_core.pairing import Pairing
 
 Outcome = Literal["win", "tie", "loss"]

@@ -9,15 +9,15 @@ import torch
 
 from apil_core import checkpoint
 from apil_core.adversary import AdversaryPolicy
+from apil_core.api.config import RunConfig
+from apil_core.api.game import GameLayout, SideLayout
+from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.build import adversary_policy
 from apil_core.checkpoint_fit import check_same_policy, fitting
 from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.common.files import sha256
-from apil_core.config import RunConfig
 from apil_core.config_absent import completed
-from apil_core.game import GameLayout, SideLayout
 from apil_core.plugins import PluginRegistry, discover
-from apil_core.policy import Policy, PolicyInfo
 from apil_core.registry import make_game
 from apil_core.retraining.mark import is_retraining
 from apil_core.rundir import RunDir

@@ -10,6 +10,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from apil_core.api.method import Observer, RunPlugin
+from apil_core.api.policy import Policy
+from apil_core.api.types import Rollout
 from apil_core.build import Attack
 from apil_core.common.errors import PluginError
 from apil_core.common.torch_threads import side_by_side
@@ -17,13 +20,10 @@ from apil_core.distributed.merging import merged
 from apil_core.distributed.replicas import Replicas
 from apil_core.doctor.processor import usable_cpus
 from apil_core.learner import MAIN_STREAM
-from apil_core.method import Observer, RunPlugin
 from apil_core.plugin_state import load_known_states, load_states, states_of
 from apil_core.plugins import PluginRegistry
-from apil_core.policy import Policy
 from apil_core.run_hooks import shown
 from apil_core.side_games import SideGames
-from apil_core.types import Rollout
 
 
 class Trainer:

@@ -6,10 +6,10 @@ import copy
 
 import torch
 
+from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.build import adversary_policy, observing_alone
 from apil_core.evaluation import MAX_PARALLEL_GAMES, score
 from apil_core.pairing import Pairing
-from apil_core.policy import Policy, PolicyInfo
 from apil_core.progress import Progress
 from apil_core.registry import make_game
 from apil_core.results import EvaluationResult

@@ -13,12 +13,12 @@ import numpy as np
 from gymnasium.spaces import Box
 from pettingzoo import ParallelEnv
 
+from apil_core.api.game import Array, Game, GameStep, SideLayout
 from apil_core.common import colours
 from apil_core.common.errors import ConfigError
-from apil_core.game import Array, Game, GameStep, SideLayout
 
 if TYPE_CHECKING:
-    from apil_core.policy import Policy
+    from apil_core.api.policy import Policy
 
 
 def _single_game(game: Game | str, options: dict[str, Any] | None) -> Game:
@@ -261,7 +261,7 @@ class OpponentInsideEnv(gymnasium.Env[Array, Array]):
         self._game.close()
 
     def _opponent_action(self) -> Array:
-        from apil_core.types import View
+        from apil_core.api.types import View
 
         torch = self._torch
         mine, theirs = (self._game.observations[s].copy() for s in (self._side, 1 - self._side))

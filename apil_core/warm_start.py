@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor, nn
 
+from apil_core.api.policy import Policy
+from apil_core.api.types import OWN_GROUP, View
 from apil_core.common.errors import ConfigError
 from apil_core.common.seeds import stream_generator, stream_seed
 from apil_core.distillation.setting import spread_of
-from apil_core.policy import Policy
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult
 from apil_core.seats import Taking, load_victim
-from apil_core.types import OWN_GROUP, View
 
 if TYPE_CHECKING:
     from apil_core.trainer import Trainer

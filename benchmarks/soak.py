@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from apil_core import RunConfig, run
+from apil_core.api.config import EvaluationConfig, PPOConfig
 from apil_core.common.errors import ApilError, ConfigError
-from apil_core.config import EvaluationConfig, PPOConfig
 from apil_core.progress import Progress
 from apil_core.rundir import RunDir, environment
 

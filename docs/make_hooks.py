@@ -2,7 +2,7 @@
 
     python docs/make_hooks.py
 
-Signatures, versions, moments, arguments and answers come from ``apil_core/hookspecs.py`` and from the
+Signatures, versions, moments, arguments and answers come from ``apil_core/api/hookspecs.py`` and from the
 hooks that methods open; the users from the sources of the core, the built-in plugins and the examples,
 which are parsed, not imported. What stands between the two marker comments below each hook's heading is
 replaced; all else is written by hand.
@@ -20,8 +20,8 @@ from types import FunctionType
 import docstring_parser
 
 import apil_apil.hookspecs
-from apil_core.hooks import life_of
-from apil_core.hookspecs import ProcessHooks, RunHooks
+from apil_core.api.hooks import life_of
+from apil_core.api.hookspecs import ProcessHooks, RunHooks
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from apil_core.activations.recording import Recorded, check_told, record
+from apil_core.api.config import RunConfig
 from apil_core.common.errors import ConfigError, VictimError
-from apil_core.config import RunConfig
 from apil_core.crossplay_document import Player
 from apil_core.crossplay_players import Lineup, Names, SharedOptions, check_unchanged, line_up, run_config
 from apil_core.crossplay_progress import PartOfAll

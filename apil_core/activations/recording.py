@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from apil_core.activations.sampling import even_sample
+from apil_core.api.policy import Policy
+from apil_core.api.types import Decision, View
 from apil_core.common.errors import VictimError
 from apil_core.common.seeds import stream_seed
 from apil_core.pairing import Pairing
 from apil_core.play import play
-from apil_core.policy import Policy
 from apil_core.progress import Progress
-from apil_core.types import Decision, View
 
 LAYER = "hidden"
 """Name of the last hidden layer, or an LSTM's h, among a policy's activations."""

@@ -9,10 +9,10 @@ from itertools import product
 from pathlib import PurePosixPath
 from typing import Any
 
+from apil_core.api.config import RunConfig
 from apil_core.bench.matrix import NAMES_WITHOUT_BUDGET, Matrix, ScoreConfig
 from apil_core.common.errors import ApilError, ConfigError
 from apil_core.common.numbers import short_number
-from apil_core.config import RunConfig
 from apil_core.config_io import plugin_files, resolve_layers
 from apil_core.config_layers import Layer, flag_layer, preset_layer, set_layer, texts_in
 from apil_core.default_victim import default_baseline

@@ -7,11 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from apil_core.api.config import RunConfig
 from apil_core.bench.cells import Benchmark, Cell
 from apil_core.bench.folder import BenchDir
 from apil_core.bench.jobs import Job, Ledger
 from apil_core.bench.matrix import ScoreConfig
-from apil_core.config import RunConfig
 from apil_core.game_options import without_physics
 
 _STEPS = 32

@@ -9,10 +9,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
+from apil_core.api.config import ActionMode, BlindMode, Section
+from apil_core.api.profiles import Profile
 from apil_core.common.numbers import number_list, whole_number
-from apil_core.config import ActionMode, BlindMode, Section
 from apil_core.config_layers import texts_in
-from apil_core.profiles import Profile
 
 MATRIX_VERSION = 2
 """Raised when a matrix of this version could be misread by older code."""

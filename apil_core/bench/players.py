@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from contextlib import closing
 
+from apil_core.api.specs import load
 from apil_core.bench.cells import Benchmark, Cell, resolve_matrix
 from apil_core.common.errors import ApilError, ConfigError
-from apil_core.specs import load
 
 
 def with_full_names(benchmark: Benchmark, origin: str) -> Benchmark:

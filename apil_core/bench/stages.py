@@ -12,9 +12,9 @@ from apil_core.progress import Progress
 from apil_core.rundir import RunDir
 
 if TYPE_CHECKING:
+    from apil_core.api.profiles import Profile
     from apil_core.bench.jobs import Ledger
     from apil_core.crossplay_players import SharedOptions
-    from apil_core.profiles import Profile
 from apil_core.bench.folder import read_crossplay
 
 BASELINE = "baseline"

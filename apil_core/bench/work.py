@@ -10,6 +10,7 @@ from typing import Literal
 
 from filelock import FileLock, Timeout
 
+from apil_core.api.config import RunConfig
 from apil_core.bench.cells import Benchmark, Cell, resolve_matrix
 from apil_core.bench.folder import BenchDir, write_score
 from apil_core.bench.jobs import (
@@ -25,7 +26,6 @@ from apil_core.bench.jobs import (
 )
 from apil_core.bench.matrix import ScoreConfig
 from apil_core.common.errors import ConfigError, RunDirError
-from apil_core.config import RunConfig
 from apil_core.config_io import differences
 from apil_core.game_options import without_physics
 from apil_core.progress import Progress

@@ -13,7 +13,7 @@ from apil_core.cli.output import console, print_json, table
 from apil_core.common.errors import ConfigError
 
 if TYPE_CHECKING:
-    from apil_core.config import RunConfig
+    from apil_core.api.config import RunConfig
     from apil_core.config_layers import Layer
 
 app = sub_app("config", "Show, validate, describe and compare configurations.")

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Group, Parameter
 
+from apil_core.api.config import ActionMode
+from apil_core.api.profiles import Profile
 from apil_core.cli.flags import PHYSICS_HELP, Json, Plugins, Quiet
 from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
-from apil_core.config import ActionMode
-from apil_core.profiles import Profile
 
 if TYPE_CHECKING:
     from apil_core.crossplay_players import SharedOptions

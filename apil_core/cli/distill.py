@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
+from apil_core.api.profiles import Profile
 from apil_core.cli.flags import PHYSICS_HELP, Json, Plugins, Quiet, count
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
 from apil_core.common.errors import ConfigError
 from apil_core.distillation.options import DistillConfig
-from apil_core.profiles import Profile
 
 if TYPE_CHECKING:
     from apil_core.common.statistics import Difference

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from apil_core.api.profiles import Profile
 from apil_core.cli.flags import PHYSICS_HELP, Json, Plugins, Quiet
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
-from apil_core.profiles import Profile
 
 if TYPE_CHECKING:
+    from apil_core.api.specs import GameSpec
     from apil_core.fidelity_file import FidelityRow, Figure
     from apil_core.fidelity_plan import SkippedMatchup
     from apil_core.plugins import PluginRegistry
-    from apil_core.specs import GameSpec
 
 WEIGHTS_MISSING = 1
 """Exit code where there were pairings, and weights for none of them."""

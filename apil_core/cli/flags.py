@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
+from apil_core.api.config import RunConfig
+from apil_core.api.profiles import Profile
 from apil_core.common.numbers import whole_number
-from apil_core.config import RunConfig
 from apil_core.config_layers import located, preset_names
-from apil_core.profiles import Profile
 
 if TYPE_CHECKING:
     from apil_core.config_layers import Layer

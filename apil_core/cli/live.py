@@ -24,7 +24,7 @@ from apil_core.cli.output import console
 from apil_core.cli.plain import ConsoleProgress
 
 if TYPE_CHECKING:
-    from apil_core.config import RunConfig
+    from apil_core.api.config import RunConfig
     from apil_core.results import EvaluationResult
 
 _SPEED_WINDOW = 120.0

@@ -73,7 +73,7 @@ def observers(*, plugin: Plugins | None = None, as_json: Json = False) -> None:
 
     Also by apil eval --observer NAME; plugins that fill run hooks themselves are observers, too.
     """
-    from apil_core.specs import ObserverSpec
+    from apil_core.api.specs import ObserverSpec
 
     found = _discover(plugin)
     of_modules = {

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TextIO
 from apil_core.cli import readout
 
 if TYPE_CHECKING:
-    from apil_core.config import RunConfig
+    from apil_core.api.config import RunConfig
     from apil_core.results import EvaluationResult
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -19,7 +19,7 @@ from apil_core.distributed.world import World
 from apil_core.progress import Progress
 
 if TYPE_CHECKING:
-    from apil_core.config import RunConfig
+    from apil_core.api.config import RunConfig
 
 SECONDS_BETWEEN_LINES = 10.0
 

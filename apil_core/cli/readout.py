@@ -6,7 +6,7 @@ from collections import Counter, deque
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from apil_core.profiles import FAITHFUL
+from apil_core.api.profiles import FAITHFUL
 
 if TYPE_CHECKING:
     from apil_core.results import Circumstances, EvaluationResult, Rate

@@ -17,7 +17,7 @@ from apil_core.common.numbers import number_list
 from apil_core.distributed.world import World
 
 if TYPE_CHECKING:
-    from apil_core.config import RunConfig
+    from apil_core.api.config import RunConfig
 
 _OUTPUT = Group("How often, where to", sort_key=2)
 

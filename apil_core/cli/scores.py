@@ -5,9 +5,9 @@ from __future__ import annotations
 import shlex
 from typing import TYPE_CHECKING
 
+from apil_core.api.profiles import FAITHFUL
 from apil_core.cli.output import console, table
 from apil_core.cli.readout import physics
-from apil_core.profiles import FAITHFUL
 from apil_core.results import in_words
 
 if TYPE_CHECKING:

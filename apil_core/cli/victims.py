@@ -13,7 +13,7 @@ from apil_core.cli.flags import Json, Plugins
 from apil_core.cli.output import console, print_json, table
 
 if TYPE_CHECKING:
-    from apil_core.specs import PolicyListing
+    from apil_core.api.specs import PolicyListing
     from apil_core.victims.importer import ImportRow
     from apil_core.victims.inspection import Inspection
 
@@ -107,8 +107,8 @@ def download(
 
 
 def _listings(plugin: list[Path]) -> list[PolicyListing]:
+    from apil_core.api.specs import load
     from apil_core.plugins import discover
-    from apil_core.specs import load
 
     specs = discover(plugin).policies.values()
     return [row for spec in specs if spec.lister for row in load(spec.lister)()]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from apil_core.game import Colour
+from apil_core.api.game import Colour
 
 VICTIM: Colour = (38, 88, 204)
 ADVERSARY: Colour = (205, 45, 42)

@@ -9,12 +9,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from apil_core.api.game import Game
+from apil_core.api.policy import Policy
+from apil_core.api.types import View
 from apil_core.common.errors import VictimError
 from apil_core.common.seeds import stream_generator, stream_seed
 from apil_core.distillation.opponents import PerturbedOpponent
-from apil_core.game import Game
-from apil_core.policy import Policy
-from apil_core.types import View
 
 OnStep = Callable[[int], None]
 

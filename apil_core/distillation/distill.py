@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from apil_core.api.policy import Policy
 from apil_core.common.errors import VictimError
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.distillation.learner import Block
@@ -19,7 +20,6 @@ from apil_core.distillation.trainer import Entry, Standard
 from apil_core.distillation.workspace import Workspace
 from apil_core.evaluation import MAX_PARALLEL_GAMES
 from apil_core.plugins import PluginRegistry
-from apil_core.policy import Policy
 from apil_core.progress import Progress
 from apil_core.registry import default_plugins, make_game
 from apil_core.results import EvaluationResult

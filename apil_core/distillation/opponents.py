@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from apil_core.policy import Policy
-from apil_core.types import DiagonalGaussian, View
+from apil_core.api.policy import Policy
+from apil_core.api.types import DiagonalGaussian, View
 
 
 class PerturbedOpponent:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from apil_core.config import Section
+from apil_core.api.config import Section
 
 
 class DistillConfig(Section):

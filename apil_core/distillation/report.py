@@ -8,18 +8,18 @@ import torch
 from pydantic import BaseModel
 from torch import Tensor
 
+from apil_core.api.config import RunConfig
+from apil_core.api.game import Game
+from apil_core.api.policy import Policy
+from apil_core.api.types import View
 from apil_core.common.statistics import Difference, difference
-from apil_core.config import RunConfig
 from apil_core.distillation.collector import Cast, Sample
 from apil_core.distillation.learner import kl_nats
 from apil_core.distillation.setting import Setting
 from apil_core.evaluation import score
-from apil_core.game import Game
 from apil_core.pairing import Pairing
-from apil_core.policy import Policy
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult
-from apil_core.types import View
 
 
 class ActionError(BaseModel):

@@ -9,6 +9,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from apil_core.api.game import Game, SideLayout
+from apil_core.api.policy import Policy
+from apil_core.api.specs import GameSpec
+from apil_core.api.types import View
 from apil_core.build import check_device
 from apil_core.common.errors import ConfigError, VictimError
 from apil_core.default_victim import is_here
@@ -16,14 +20,10 @@ from apil_core.distillation.collector import Collector
 from apil_core.distillation.learner import StudentLearner
 from apil_core.distillation.options import DistillConfig
 from apil_core.distillation.trainer import Course
-from apil_core.game import Game, SideLayout
 from apil_core.game_options import game_model, overlaid
 from apil_core.plugins import PluginRegistry
-from apil_core.policy import Policy
 from apil_core.registry import make_game
 from apil_core.seats import Taking, load_victim
-from apil_core.specs import GameSpec
-from apil_core.types import View
 from apil_core.victims.student_policy import StudentShape
 
 _LONGEST_BLOCK = 512

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import apil_core
+from apil_core.api.specs import load
 from apil_core.doctor.finding import Finding, Report, warning
 from apil_core.doctor.scope import Scope
 from apil_core.plugins import PluginRegistry
-from apil_core.specs import load
 
 CHECKS = {
     "python": "apil_core.doctor.interpreter:check",

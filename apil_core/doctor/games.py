@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 
+from apil_core.api.specs import GameSpec
 from apil_core.doctor.drawing import BACKENDS
 from apil_core.doctor.finding import Finding, error, good, warning
 from apil_core.doctor.scope import Scope
 from apil_core.doctor.trial import TrialError, attempt
-from apil_core.specs import GameSpec
 
 SECONDS = 1.5
 """How long each game's rate is measured."""

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from apil_core.api.game import Game
+from apil_core.api.specs import load
 from apil_core.common.errors import ApilError
-from apil_core.game import Game
 from apil_core.plugins import PluginRegistry, discover
 from apil_core.registry import load_policy, make_game
-from apil_core.specs import load
 
 GAMES = 64
 """Games that are stepped together; enough for the threads of most machines."""
@@ -104,7 +104,7 @@ def victims(plugins: PluginRegistry) -> dict[str, Any]:
         ``listed``: by name, ``None`` where weights are not here, ``""`` where they load, else the reason;
         ``auto``: by game, the victim's name and the reason why it does not load or ``""``.
     """
-    from apil_core.config import RunConfig
+    from apil_core.api.config import RunConfig
     from apil_core.seats import victim_name
 
     listed: dict[str, str | None] = {}

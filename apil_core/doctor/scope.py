@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from apil_core.config import RunConfig
+from apil_core.api.config import RunConfig
+from apil_core.api.specs import GameSpec
 from apil_core.plugins import PluginRegistry
-from apil_core.specs import GameSpec
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ import numpy as np
 from gymnasium.spaces import Box, Dict, MultiBinary, Space
 from pettingzoo import ParallelEnv
 
-from apil_core.game import NO_WINNER, Array
+from apil_core.api.game import NO_WINNER, Array
 from apil_core.pettingzoo_game.maker import Maker, one_line, prints_to_stderr
 from apil_core.pettingzoo_game.spaces import Seat
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from apil_core.api.game import NO_WINNER, Array, Colour, Game, GameLayout, GameStep
 from apil_core.common.errors import ApilError, ConfigError, PluginError
-from apil_core.game import NO_WINNER, Array, Colour, Game, GameLayout, GameStep
 from apil_core.pettingzoo_game.bundle import CAUSES, DIVERGED, GOES_ON, TIME_UP, UNSAID
 from apil_core.pettingzoo_game.bundles import Bundles
 from apil_core.pettingzoo_game.history import History

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageOps
 
+from apil_core.api.game import Array
 from apil_core.common.errors import ApilError
-from apil_core.game import Array
 
 
 def fitted(frame: Any, width: int, height: int) -> Array:

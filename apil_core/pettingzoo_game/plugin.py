@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from apil_core.hooks import hookimpl
-from apil_core.specs import GameSpec
+from apil_core.api.hooks import hookimpl
+from apil_core.api.specs import GameSpec
 
 APIL_HOOK_API = 2
 

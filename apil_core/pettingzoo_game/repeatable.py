@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from pettingzoo import ParallelEnv
 
+from apil_core.api.game import Array
 from apil_core.common.errors import ConfigError
-from apil_core.game import Array
 from apil_core.pettingzoo_game.spaces import Seat
 
 STEPS = 10

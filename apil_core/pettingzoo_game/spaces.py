@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete, Space, flatdim, flatten
 
+from apil_core.api.game import Array, SideLayout
 from apil_core.common.errors import ConfigError
-from apil_core.game import Array, SideLayout
 
 SCORE_BOUND = 10.0
 """Bound of the scores of a discrete action: far out, since clipped scores would tie."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from apil_core.profiles import FAITHFUL
+from apil_core.api.profiles import FAITHFUL
 from apil_core.report.grouping import Groups
 from apil_core.report.models import Setting
 from apil_core.report.published import published

@@ -7,10 +7,10 @@ from contextlib import suppress
 from typing import Any, Literal
 
 from apil_core import checkpoint
+from apil_core.api.config import RunConfig
 from apil_core.common.errors import ApilError
 from apil_core.common.machine import resident_mb
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.config import RunConfig
 from apil_core.log_rows import RowLog, open_recorders
 from apil_core.plugins import PluginRegistry
 from apil_core.progress import Progress

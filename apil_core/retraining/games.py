@@ -8,17 +8,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from apil_core.api.game import Game, GameStep
+from apil_core.api.specs import RewardWeights
+from apil_core.api.types import View
 from apil_core.common.errors import PluginError
 from apil_core.common.tensors import all_finite
-from apil_core.game import Game, GameStep
 from apil_core.normalize import ReturnNormalizer
 from apil_core.retraining.learner import VictimLearner
 from apil_core.retraining.mixture import MixturePolicy
 from apil_core.retraining.options import RetrainConfig
 from apil_core.retraining.tally import MIXED, OpponentTally
 from apil_core.rewards import training_reward
-from apil_core.specs import RewardWeights
-from apil_core.types import View
 
 
 class RetrainingGames:

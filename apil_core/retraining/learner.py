@@ -2,7 +2,7 @@
 
 The adversaries' learner (:mod:`apil_core.learner`) stands on rsl_rl, whose models are its own; a victim is a
 given network, and with an LSTM needs gradients through time. The settings and what they mean are the same:
-:class:`apil_core.config.PPOConfig`, docs/methods.md §3.
+:class:`apil_core.api.config.PPOConfig`, docs/methods.md §3.
 
 A recurrent victim learns from whole stretches: each minibatch is some of the games over all T steps, begun
 from the memory the game had when the rollout began (of the network before the update), cleared where games
@@ -18,14 +18,14 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from apil_core.api.config import PPOConfig
+from apil_core.api.types import DiagonalGaussian
 from apil_core.common.errors import ApilError
-from apil_core.config import PPOConfig
 from apil_core.distillation.learner import Memory
 from apil_core.retraining.critic import Critic
 from apil_core.retraining.network import VictimNetwork
 from apil_core.retraining.rollout import Piece, VictimRollout
 from apil_core.returns import gae, normalize_advantages
-from apil_core.types import DiagonalGaussian
 
 _ADAM_EPSILON = 1e-5
 

@@ -9,8 +9,8 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from apil_core.policy import Policy, PolicyInfo
-from apil_core.types import Decision, DiagonalGaussian, View
+from apil_core.api.policy import Policy, PolicyInfo
+from apil_core.api.types import Decision, DiagonalGaussian, View
 
 Mix = Literal["per_episode", "per_step"]
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from apil_core.config import ActionMode, CheckpointConfig, EvaluationConfig, PPOConfig, Section
+from apil_core.api.config import ActionMode, CheckpointConfig, EvaluationConfig, PPOConfig, Section
 
 Critic = Literal["auto", "stored", "new"]
 

@@ -6,14 +6,15 @@ from dataclasses import dataclass
 
 import torch
 
+from apil_core.api.config import RewardConfig
+from apil_core.api.game import Game
+from apil_core.api.policy import Policy
+from apil_core.api.specs import load
 from apil_core.build import check_device
 from apil_core.common.errors import ConfigError, UnknownNameError, VictimError
 from apil_core.common.seeds import stream_generator, stream_seed
-from apil_core.config import RewardConfig
 from apil_core.default_victim import default_baseline
-from apil_core.game import Game
 from apil_core.plugins import PluginRegistry
-from apil_core.policy import Policy
 from apil_core.registry import make_game
 from apil_core.retraining.critic import Critic, new_critic
 from apil_core.retraining.games import RetrainingGames
@@ -26,7 +27,6 @@ from apil_core.retraining.trainable import StoredCritic, Trainable, trainable
 from apil_core.retraining.trainer import RetrainTrainer
 from apil_core.rewards import resolve_weights
 from apil_core.seats import Taking, load_victim
-from apil_core.specs import load
 
 
 @dataclass

@@ -9,8 +9,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from apil_core.api.config import RunConfig
 from apil_core.common.errors import ConfigError
-from apil_core.config import RunConfig
 from apil_core.config_errors import problems_of, raise_problems
 from apil_core.config_layers import Layer, flag_layer, merge, set_layer
 from apil_core.default_victim import default_victim

@@ -13,10 +13,10 @@ import torch
 from torch import Tensor, nn
 
 from apil_core.adversary import AdversaryPolicy
+from apil_core.api.policy import Policy
+from apil_core.api.types import OWN_GROUP
 from apil_core.common.errors import VictimError
 from apil_core.normalize import ObservationNormalizer
-from apil_core.policy import Policy
-from apil_core.types import OWN_GROUP
 from apil_core.victims.networks import LstmNetwork, MlpNetwork, Network
 from apil_core.victims.student_policy import StudentPolicy, StudentShape, Weights
 from apil_core.victims.zoo_policy import ZooPolicy

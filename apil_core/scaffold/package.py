@@ -11,9 +11,9 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from apil_core.api.hook_api import HOOK_API
 from apil_core.common.errors import ConfigError
 from apil_core.common.files import why_unwritable
-from apil_core.hook_api import HOOK_API
 from apil_core.scaffold.names import Names
 from apil_core.scaffold.seat import Seat
 

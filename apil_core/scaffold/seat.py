@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from apil_core.api.game import SideLayout
 from apil_core.common.errors import UnknownNameError
-from apil_core.game import SideLayout
 from apil_core.plugins import PluginRegistry
 from apil_core.registry import game_spec, make_game
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 
+from apil_core.api.stopwatch import PhysicsStopwatch
 from apil_core.common.machine import resident_mb
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.plugins import PluginRegistry
@@ -17,7 +18,6 @@ from apil_core.speed.peak import PeakMemory
 from apil_core.speed.plan import CellPlan
 from apil_core.speed.replay import Replay
 from apil_core.speed.report import Cell, Level, Setting
-from apil_core.stopwatch import PhysicsStopwatch
 
 WARM_UP = 1
 """Iterations before the clock counts: libraries set themselves up, robots come down to the floor."""

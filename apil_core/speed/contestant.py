@@ -11,8 +11,8 @@ from typing import Any
 
 import torch
 
+from apil_core.api.config import RunConfig
 from apil_core.build import build
-from apil_core.config import RunConfig
 from apil_core.plugins import PluginRegistry
 from apil_core.run_hooks import RunHookManager
 from apil_core.speed.hooks import TimedHooks

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import pluggy
 
-from apil_core.hooks import hookimpl
+from apil_core.api.hooks import hookimpl
+from apil_core.api.specs import MethodSpec
+from apil_core.api.types import Rollout
 from apil_core.run_hooks import RunHookManager
-from apil_core.specs import MethodSpec
-from apil_core.types import Rollout
 
 if TYPE_CHECKING:
     from torch import Tensor

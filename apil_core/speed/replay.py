@@ -7,13 +7,13 @@ import time
 import numpy as np
 import torch
 
+from apil_core.api.game import Array
+from apil_core.api.types import Rollout, View
 from apil_core.build import Attack
-from apil_core.game import Array
 from apil_core.plugins import PluginRegistry
 from apil_core.registry import make_game
 from apil_core.seats import run_victim
 from apil_core.speed.contestant import Start
-from apil_core.types import Rollout, View
 
 
 class Replay:

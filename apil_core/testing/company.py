@@ -7,11 +7,11 @@ import sys
 import torch
 from torch import Tensor
 
-from apil_core.hooks import hookimpl
-from apil_core.method import Method, Run
+from apil_core.api.hooks import hookimpl
+from apil_core.api.method import Method, Run
+from apil_core.api.specs import MethodSpec
+from apil_core.api.types import Context, Rollout, StepBatch, View
 from apil_core.plugins import PluginRecord, PluginRegistry
-from apil_core.specs import MethodSpec
-from apil_core.types import Context, Rollout, StepBatch, View
 
 FOLLOWER, OBSERVER = "apil_testing_follower", "apil_testing_observer"
 TERM, GROUP, STREAM, METRIC = "follower_term", "follower_group", "follower_stream", "follower_metric"

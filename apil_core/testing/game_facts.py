@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from apil_core.game import NO_WINNER, Array, Game, GameStep, SideLayout
+from apil_core.api.game import NO_WINNER, Array, Game, GameStep, SideLayout
 from apil_core.testing.game_play import GAMES, Play, Trial, parts
 
 LONGEST = 1000

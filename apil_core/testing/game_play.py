@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from apil_core.game import Array, Game, GameStep
+from apil_core.api.game import Array, Game, GameStep
 from apil_core.testing.promises import GAME_PROMISES, ContractError
 
 GAMES = 6

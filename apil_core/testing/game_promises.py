@@ -10,8 +10,8 @@ from contextlib import redirect_stdout
 
 import numpy as np
 
+from apil_core.api.game import Array, GameStep
 from apil_core.common.errors import ApilError
-from apil_core.game import Array, GameStep
 from apil_core.testing.game_facts import LONGEST, arrays, endings, layout
 from apil_core.testing.game_play import GAMES, Play, Trial, plain, same, snapshot
 from apil_core.testing.promises import GAME_PROMISES, promised

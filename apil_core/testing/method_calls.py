@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Sequence
 
-from apil_core.hookspecs import RunHooks
+from apil_core.api.hookspecs import RunHooks
 from apil_core.run_hooks import RunHookManager
 from apil_core.testing.method_runs import Watched
 from apil_core.testing.reports import HookCost

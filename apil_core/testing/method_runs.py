@@ -10,10 +10,10 @@ from typing import Any
 
 import torch
 
+from apil_core.api.config import RunConfig
+from apil_core.api.method import Method
 from apil_core.build import build, build_hooks, method_setup
-from apil_core.config import RunConfig
 from apil_core.config_io import complete
-from apil_core.method import Method
 from apil_core.plugin_state import stored_and_read, unstorable
 from apil_core.registry import make_game
 from apil_core.run_hooks import RunHookManager

@@ -10,7 +10,7 @@ from typing import Any
 
 import torch
 
-from apil_core.specs import MethodSpec
+from apil_core.api.specs import MethodSpec
 from apil_core.testing import method_calls, method_play, method_runs, method_spec
 from apil_core.testing.promises import METHOD_PROMISES
 from apil_core.testing.reports import MethodReport

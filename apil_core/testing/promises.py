@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from apil_core.api.hookspecs import ProcessHooks, RunHooks
 from apil_core.common.errors import ApilError, PluginError
-from apil_core.hookspecs import ProcessHooks, RunHooks
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from apil_core.config import RunConfig
+    from apil_core.api.config import RunConfig
     from apil_core.session import RunResult
     from apil_core.testing.reports import GameReport, MethodReport, VictimReport
 

@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from apil_core import checkpoint
+from apil_core.api.config import RunConfig
+from apil_core.api.specs import MethodSpec, load
 from apil_core.build import build
 from apil_core.common.errors import PluginError, UnknownNameError
-from apil_core.config import RunConfig
 from apil_core.config_io import complete
 from apil_core.plugins import PluginRegistry, discover
 from apil_core.progress import Progress
 from apil_core.run_hooks import RunHookManager
 from apil_core.rundir import RunDir
 from apil_core.session import Session
-from apil_core.specs import MethodSpec, load
 from apil_core.testing.promises import METHOD_PROMISES, ContractError, Promise, promised
 from apil_core.testing.tiny import tiny_config
 from apil_core.trainer import Trainer

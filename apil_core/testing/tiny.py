@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from apil_core.config import RunConfig
+from apil_core.api.config import RunConfig
 
 if TYPE_CHECKING:
     from apil_core.session import RunResult

@@ -13,18 +13,18 @@ from typing import Literal
 import torch
 from torch import Tensor
 
+from apil_core.api.game import Game
+from apil_core.api.policy import Policy
+from apil_core.api.types import View
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.evaluator import evaluate
-from apil_core.game import Game
 from apil_core.plugins import PluginRegistry
-from apil_core.policy import Policy
 from apil_core.registry import make_game
 from apil_core.results import EvaluationResult
 from apil_core.seats import Taking, load_victim
 from apil_core.testing.promises import VICTIM_PROMISES, ContractError, promised
 from apil_core.testing.reports import VictimReport
 from apil_core.testing.subject import registry_with
-from apil_core.types import View
 from apil_core.victims.conformance import examine
 
 GAMES, STEPS, EPISODES = 4, 5, 8

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from apil_core.api.policy import Policy
+from apil_core.api.types import Decision, View
 from apil_core.common.seeds import stream_seed
 from apil_core.pairing import Pairing, load_pairing
 from apil_core.plugins import PluginRegistry
-from apil_core.policy import Policy
 from apil_core.registry import game_spec
 from apil_core.rewards import dense_share, resolve_weights, training_reward
 from apil_core.rundir import RunDir
-from apil_core.types import Decision, View
 
 
 @dataclass

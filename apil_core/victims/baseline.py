@@ -7,9 +7,9 @@ import re
 
 import torch
 
+from apil_core.api.policy import Policy, PolicyInfo
+from apil_core.api.types import Decision, DiagonalGaussian, View
 from apil_core.common.errors import VictimError
-from apil_core.policy import Policy, PolicyInfo
-from apil_core.types import Decision, DiagonalGaussian, View
 
 _NAME = re.compile(r"(?P<kind>random|zero)/(?P<observation>[1-9]\d{0,5})x(?P<action>[1-9]\d{0,5})")
 

@@ -12,10 +12,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from apil_core.api.game import SideLayout
+from apil_core.api.policy import Policy
+from apil_core.api.types import Decision, View
 from apil_core.common.errors import ApilError, VictimError
-from apil_core.game import SideLayout
-from apil_core.policy import Policy
-from apil_core.types import Decision, View
 
 _GAMES = 4
 _SEED = 0

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from safetensors import SafetensorError, safe_open
 
+from apil_core.api.specs import PolicyListing
 from apil_core.common.errors import UnknownNameError
-from apil_core.specs import PolicyListing
 from apil_core.victims.provenance import provenance_of
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from apil_core.api.specs import PolicyListing
 from apil_core.common.errors import UnknownNameError
-from apil_core.specs import PolicyListing
 from apil_core.victims import cache, catalogue
 from apil_core.victims.download import download_zoo
 from apil_core.victims.importer import ImportRow, ZooImportError, import_zoo
@@ -39,7 +39,7 @@ def load(name: str) -> ZooPolicy:
         UnknownNameError: the zoo has no such agent.
         VictimError: it is not in the cache, or its file there is damaged.
     """
-    from apil_core.policy import PolicyInfo
+    from apil_core.api.policy import PolicyInfo
     from apil_core.victims.zoo_policy import ZooPolicy
 
     known = catalogue.entries()

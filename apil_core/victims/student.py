@@ -14,9 +14,9 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
+from apil_core.api.policy import PolicyInfo
 from apil_core.common.errors import VictimError
 from apil_core.common.files import write_atomically
-from apil_core.policy import PolicyInfo
 from apil_core.victims.provenance import provenance_of
 from apil_core.victims.student_policy import Kind, StudentPolicy, StudentShape, Weights
 

@@ -10,8 +10,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from apil_core.policy import Policy, PolicyInfo
-from apil_core.types import Decision, DiagonalGaussian, View
+from apil_core.api.policy import Policy, PolicyInfo
+from apil_core.api.types import Decision, DiagonalGaussian, View
 from apil_core.victims.memory import Memory, State
 
 Kind = Literal["mlp", "lstm"]

@@ -7,8 +7,8 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from apil_core.policy import Policy, PolicyInfo
-from apil_core.types import Decision, DiagonalGaussian, View
+from apil_core.api.policy import Policy, PolicyInfo
+from apil_core.api.types import Decision, DiagonalGaussian, View
 from apil_core.victims.memory import Memory
 from apil_core.victims.networks import Filter, Output, Weights, make_network
 

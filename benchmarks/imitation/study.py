@@ -21,13 +21,13 @@ import torch
 from ruamel.yaml import YAML
 
 from apil_core import RunConfig, make_game
+from apil_core.api.method import Run
+from apil_core.api.types import Rollout
 from apil_core.build import build_hooks, method_setup
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.config_io import resolve
-from apil_core.method import Run
 from apil_core.registry import default_plugins
 from apil_core.seats import victim_side
-from apil_core.types import Rollout
 
 KEPT = (
     *("mse", "relative_error", "explained_share", "log_likelihood", "constant_log_likelihood"),

@@ -9,7 +9,7 @@ from typing import Any
 from rsl_rl.runners import OnPolicyRunner
 from task import Task
 
-from apil_core.config import PPOConfig
+from apil_core.api.config import PPOConfig
 
 
 def runner_config(ppo: PPOConfig, groups: list[str]) -> dict[str, Any]:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from apil_core import RunConfig
+from apil_core.api.config import PPOConfig
 from apil_core.build import Attack, build
 from apil_core.common.errors import ConfigError
-from apil_core.config import PPOConfig
 from apil_core.default_victim import default_victim
 from apil_core.registry import default_plugins, game_spec
 

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from apil_core import __version__
-from apil_core.config import RunConfig
+from apil_core.api.config import RunConfig
 from cli.cli_helpers import COIN, VERBS, Apil
 
 FLAGS = """

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from apil_core.api.config import RunConfig
 from apil_core.cli import readout
 from apil_core.cli.live import LiveProgress
 from apil_core.cli.plain import PlainProgress
-from apil_core.config import RunConfig
 
 METRICS = {
     "iteration": 3, "steps": 300, "total_steps": 1000, "steps_per_second": 100.0, "collect_seconds": 0.5,

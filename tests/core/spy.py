@@ -6,8 +6,8 @@ import numpy as np
 import torch
 
 from apil_core import Decision, Game, Policy, PolicyInfo, RunConfig, View
+from apil_core.api.config import BlindMode
 from apil_core.blinding import make_blinding
-from apil_core.config import BlindMode
 from apil_core.pairing import Pairing
 from apil_core.play import Blinding, play
 from apil_core.run_hooks import RunHookManager

@@ -11,8 +11,8 @@ import pytest
 from pydantic import ValidationError
 
 from apil_core import RunConfig, RunDirError, checkpoint, evaluate, resume, run
+from apil_core.api.config import EvaluationConfig, StopConfig
 from apil_core.best import EvaluationHistory
-from apil_core.config import EvaluationConfig, StopConfig
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult, wilson
 from apil_core.rundir import RunDir

@@ -78,7 +78,7 @@ def test_the_page_has_a_row_for_every_mistake_tried_here(section: str) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # a file nobody closes
-@pytest.mark.filterwarnings("ignore::apil_core.hook_api.HookDeprecationWarning")
+@pytest.mark.filterwarnings("ignore::apil_core.api.hook_api.HookDeprecationWarning")
 @pytest.mark.parametrize(("title", "case"), CASES)
 def test_one_sees_what_the_page_says(
     printed: Callable[..., tuple[int, list[str]]],

@@ -12,6 +12,7 @@ from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
 
 from apil_core import checkpoint
+from apil_core.api.types import PRIVILEGED_GROUP, DiagonalGaussian
 from apil_core.build import build
 from apil_core.game_env import AttackEnv
 from apil_core.learner import Actor, Learner
@@ -19,7 +20,6 @@ from apil_core.ppo_storage import LATENT, PPOStorage
 from apil_core.progress import Progress
 from apil_core.registry import default_plugins
 from apil_core.trainer import Trainer
-from apil_core.types import PRIVILEGED_GROUP, DiagonalGaussian
 from core.every_game import GAME_NAMES
 from core.small_runs import differences, small_config
 

@@ -14,13 +14,13 @@ import pytest
 import torch
 
 from apil_core import HOOK_API, Deprecation, Method, PluginError, hookimpl, hookspec
+from apil_core.api.hook_api import HookDeprecationWarning, version_in_source
+from apil_core.api.hooks import PROJECT
+from apil_core.api.hookspecs import RunHooks
 from apil_core.build import build
 from apil_core.checkpoint import to_tensors
 from apil_core.config_io import complete
-from apil_core.hook_api import HookDeprecationWarning, version_in_source
 from apil_core.hook_fit import forgotten, register, remarks
-from apil_core.hooks import PROJECT
-from apil_core.hookspecs import RunHooks
 from apil_core.plugin_check import check_plugins
 from apil_core.plugin_state import unstorable
 from apil_core.plugins import PluginRecord, PluginRegistry, discover

@@ -6,11 +6,11 @@ import types
 
 import pytest
 
+from apil_core.api.hooks import hookimpl
+from apil_core.api.specs import MethodSpec
 from apil_core.common.errors import PluginError, UnknownNameError
-from apil_core.hooks import hookimpl
 from apil_core.plugins import PluginRecord, PluginRegistry, discover
 from apil_core.run_hooks import RunHookManager
-from apil_core.specs import MethodSpec
 
 
 def module(**functions):

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from apil_core.api.specs import load
 from apil_core.common.errors import RunDirError
 from apil_core.plugins import discover
 from apil_core.recorders import JsonlRecorder, TensorBoardRecorder, read_metrics, truncate_metrics
 from apil_core.rundir import RunDir
-from apil_core.specs import load
 
 
 def record(path: Path, *rows: dict[str, float]) -> Path:

@@ -11,8 +11,8 @@ import pluggy
 import pytest
 import torch
 
+from apil_core.api.hooks import hookimpl
 from apil_core.common.errors import PluginError
-from apil_core.hooks import hookimpl
 from apil_core.registry import default_plugins
 from apil_core.run_hooks import RunHookManager
 from apil_core.speed.contestant import Contestant

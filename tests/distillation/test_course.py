@@ -10,13 +10,13 @@ import pytest
 import torch
 
 from apil_core import ConfigError, RunDirError, VictimError, make_game
+from apil_core.api.specs import GameSpec, Matchup
 from apil_core.distillation.distill import distill, resume_distillation
 from apil_core.distillation.options import DistillConfig
 from apil_core.distillation.setting import agent, named, prepare
 from apil_core.distillation.trainer import Entry
 from apil_core.plugins import PluginRegistry, discover
 from apil_core.seats import load_victim
-from apil_core.specs import GameSpec, Matchup
 from apil_core.victims.student import load_file
 
 

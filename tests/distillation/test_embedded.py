@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from apil_core import UnknownNameError, VictimError, View, load_policy
-from apil_core.config import RunConfig
+from apil_core.api.config import RunConfig
 from apil_core.config_io import complete
 from apil_core.default_victim import default_victim, is_here
 from apil_core.plugins import discover

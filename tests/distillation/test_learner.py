@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 import torch
 
+from apil_core.api.types import DiagonalGaussian
 from apil_core.distillation.learner import Block, StudentLearner, kl_nats
-from apil_core.types import DiagonalGaussian
 from apil_core.victims.student_policy import StudentShape
 
 

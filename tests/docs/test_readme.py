@@ -290,9 +290,9 @@ def test_every_method_has_its_page() -> None:
 
 @pytest.mark.parametrize("name", ["apl", "apil", "e_apil"])
 def test_every_option_of_a_method_stands_on_its_page(name: str) -> None:
+    from apil_core.api.specs import load
     from apil_core.config_io import flatten
     from apil_core.plugins import discover
-    from apil_core.specs import load
 
     page = ROOT / "plugins" / name / "README.md"
     defaults = flatten(load(str(discover().methods[name].config))().model_dump(mode="json"))

@@ -12,9 +12,9 @@ from types import ModuleType
 import pytest
 from cli.cli_helpers import VERBS
 
+from apil_core.api.hookspecs import RunHooks
 from apil_core.config_io import flatten
 from apil_core.config_models import options_model
-from apil_core.hookspecs import RunHooks
 from apil_core.plugins import discover
 from docs.pages import ROOT, blocks
 
@@ -53,7 +53,7 @@ def test_every_page_of_the_repository_has_its_place(gathered: Path) -> None:
 def test_links_between_pages_follow_them_to_their_places(gathered: Path) -> None:
     assert "](methods/apil.md#options)" in (gathered / "methods.md").read_text()
     assert "](../pettingzoo.md)" in (gathered / "examples" / "simple_push.md").read_text()
-    assert "](source/apil_core/types.py.md)" in (gathered / "hooks.md").read_text()
+    assert "](source/apil_core/api/types.py.md)" in (gathered / "hooks.md").read_text()
     assert "class StepBatch" in (gathered / "source" / "apil_core" / "types.py.md").read_text()
 
 

@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 from apil_core import Game, Policy
-from apil_core.specs import load
+from apil_core.api.specs import load
 from apil_envs import plugin
 
 

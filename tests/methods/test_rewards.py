@@ -10,13 +10,13 @@ from core.small_runs import small_config
 
 from apil_apil.discriminator import imitation_loss, reward_log_d, reward_neg_log_1md
 from apil_core import RunConfig
+from apil_core.api.game import GameLayout, GameStep, SideLayout
+from apil_core.api.method import MethodSetup
+from apil_core.api.types import Rollout, StepBatch
 from apil_core.build import build, build_hooks
-from apil_core.game import GameLayout, GameStep, SideLayout
-from apil_core.method import MethodSetup
 from apil_core.registry import default_plugins
 from apil_core.rewards import RewardWeights, annealing, training_reward
 from apil_core.trainer import Trainer
-from apil_core.types import Rollout, StepBatch
 
 
 def setup_of(config):

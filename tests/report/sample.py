@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from apil_core.activations.models import ActivationMap, LogLikelihood
+from apil_core.api.config import RunConfig
 from apil_core.bench.cells import Cell, resolve_matrix
 from apil_core.bench.folder import BenchDir, write_score
 from apil_core.bench.matrix import Matrix
-from apil_core.config import RunConfig
 from apil_core.crossplay_document import CrossPlay, Player
 from apil_core.recorders import JsonlRecorder
 from apil_core.report import cells

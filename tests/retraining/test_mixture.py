@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from apil_core import Decision, Policy, load_policy
-from apil_core.policy import PolicyInfo
+from apil_core.api.policy import PolicyInfo
+from apil_core.api.types import View
 from apil_core.retraining.mixture import MixturePolicy
-from apil_core.types import View
 from retraining.victims import student, views
 
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import torch
 
+from apil_core.api.policy import PolicyInfo
+from apil_core.api.types import View
 from apil_core.distillation.learner import StudentNetwork
-from apil_core.policy import PolicyInfo
-from apil_core.types import View
 from apil_core.victims.catalogue import GameFacts
 from apil_core.victims.layout import tensor_shapes
 from apil_core.victims.student import save_file

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from docs.pages import ROOT, anchors
 
-from apil_core.hookspecs import ProcessHooks, RunHooks
+from apil_core.api.hookspecs import ProcessHooks, RunHooks
 from apil_core.testing import check_game, check_method, check_victim, tiny_config
 from apil_core.testing.promises import GAME_PROMISES, METHOD_PROMISES, VICTIM_PROMISES, hook_address
 

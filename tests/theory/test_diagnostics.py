@@ -14,12 +14,12 @@ from core.small_runs import small_config
 
 import apil_core
 from apil_core import ConfigError, RunDirError
-from apil_core.policy import Policy, PolicyInfo
+from apil_core.api.policy import Policy, PolicyInfo
+from apil_core.api.types import Decision, DiagonalGaussian, View
 from apil_core.rundir import RunDir
 from apil_core.theory.compared_games import ComparedGames, ComparedPolicy
 from apil_core.theory.diagnostics import BOUND, IMITATOR_KL, KL, KL_MAX, Diagnostics, diagnose
 from apil_core.theory.policy_change import PolicyChange, _compare, policy_changes
-from apil_core.types import Decision, DiagonalGaussian, View
 
 NAN = float("nan")
 BIT = math.log(2)

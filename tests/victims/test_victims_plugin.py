@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from apil_core import VictimError, View
-from apil_core.specs import load
+from apil_core.api.specs import load
 from apil_core.victims import plugin
 
 

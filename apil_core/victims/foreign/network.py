@@ -21,10 +21,10 @@ import torch
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from torch import Tensor
 
+from apil_core.api.game import SideLayout
+from apil_core.api.policy import Policy, PolicyInfo
+from apil_core.api.types import Decision, DiagonalGaussian, View
 from apil_core.common.errors import ApilError, VictimError
-from apil_core.game import SideLayout
-from apil_core.policy import Policy, PolicyInfo
-from apil_core.types import Decision, DiagonalGaussian, View
 from apil_core.victims.foreign.origin import Origin, one_line
 from apil_core.victims.memory import Memory
 

@@ -12,10 +12,10 @@ from google.protobuf.message import Message
 from onnx import ModelProto, TensorProto
 from torch import Tensor
 
+from apil_core.api.game import SideLayout
+from apil_core.api.policy import Policy
 from apil_core.common.errors import VictimError
 from apil_core.common.extras import need
-from apil_core.game import SideLayout
-from apil_core.policy import Policy
 from apil_core.victims.foreign.network import SIGNATURE_FILE, NetworkPolicy, Signature
 from apil_core.victims.foreign.origin import Origin, one_line
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from apil_core.hooks import hookimpl
-from apil_core.specs import PolicySpec
+from apil_core.api.hooks import hookimpl
+from apil_core.api.specs import PolicySpec
 
 APIL_HOOK_API = 2
 

@@ -15,11 +15,11 @@ from typing import Any
 
 import torch
 
+from apil_core.api.game import SideLayout
+from apil_core.api.policy import Policy, PolicyInfo
+from apil_core.api.types import Decision, View
 from apil_core.common.errors import ApilError, VictimError
 from apil_core.common.files import sha256
-from apil_core.game import SideLayout
-from apil_core.policy import Policy, PolicyInfo
-from apil_core.types import Decision, View
 from apil_core.victims.foreign.network import NetworkPolicy, Signature
 from apil_core.victims.foreign.origin import Origin, one_line
 

@@ -19,7 +19,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from apil_core.policy import Policy, PolicyInfo
+from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.victims.foreign.origin import Origin, one_line
 from apil_core.victims.foreign.sb3_networks import make_policy
 

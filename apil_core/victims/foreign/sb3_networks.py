@@ -8,9 +8,9 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor, nn
 
+from apil_core.api.policy import Policy, PolicyInfo
+from apil_core.api.types import Decision, DiagonalGaussian, View
 from apil_core.common.errors import VictimError
-from apil_core.policy import Policy, PolicyInfo
-from apil_core.types import Decision, DiagonalGaussian, View
 
 Weights = Mapping[str, Tensor]
 

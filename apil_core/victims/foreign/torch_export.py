@@ -16,8 +16,8 @@ from typing import Any
 
 import torch
 
-from apil_core.game import SideLayout
-from apil_core.policy import Policy
+from apil_core.api.game import SideLayout
+from apil_core.api.policy import Policy
 from apil_core.victims.foreign.archive import read_archive, rebuilt
 from apil_core.victims.foreign.network import SIGNATURE_FILE, NetworkPolicy, Signature
 from apil_core.victims.foreign.origin import Origin, one_line

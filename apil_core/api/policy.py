@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 
-from apil_core.types import Decision, View
+from apil_core.api.types import Decision, View
 
 
 @dataclass(frozen=True)

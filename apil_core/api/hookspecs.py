@@ -9,16 +9,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from apil_core.hooks import hookspec
+from apil_core.api.hooks import hookspec
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from torch import Tensor
 
-    from apil_core.method import Run
-    from apil_core.specs import GameSpec, MethodSpec, ObserverSpec, PolicySpec, RecorderSpec
-    from apil_core.types import Context, Rollout, StepBatch, View
+    from apil_core.api.method import Run
+    from apil_core.api.specs import GameSpec, MethodSpec, ObserverSpec, PolicySpec, RecorderSpec
+    from apil_core.api.types import Context, Rollout, StepBatch, View
 
 
 class ProcessHooks:

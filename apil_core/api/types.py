@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 if TYPE_CHECKING:
-    from apil_core.game import SideLayout
+    from apil_core.api.game import SideLayout
 
 Mode = Literal["train", "eval"]
 Role = Literal["adversary", "victim", "imitator"]

@@ -7,7 +7,7 @@ from typing import Any, TypeVar, overload
 
 import pluggy
 
-from apil_core.hook_api import Deprecation, HookLife
+from apil_core.api.hook_api import Deprecation, HookLife
 
 PROJECT = "apil"
 

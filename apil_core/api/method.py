@@ -11,10 +11,10 @@ import torch
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from apil_core.config import PPOConfig, RunConfig
-    from apil_core.game import GameLayout, SideLayout
-    from apil_core.policy import Policy
-    from apil_core.types import Rollout
+    from apil_core.api.config import PPOConfig, RunConfig
+    from apil_core.api.game import GameLayout, SideLayout
+    from apil_core.api.policy import Policy
+    from apil_core.api.types import Rollout
 
 
 @dataclass(frozen=True)

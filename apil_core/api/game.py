@@ -13,8 +13,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from apil_core.api.stopwatch import PhysicsStopwatch
 from apil_core.common.errors import ApilError
-from apil_core.stopwatch import PhysicsStopwatch
 
 Array = NDArray[Any]
 

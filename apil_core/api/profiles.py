@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, fields
 from typing import Any, ClassVar, Literal
 
-from apil_core.config import Section
+from apil_core.api.config import Section
 
 Profile = Literal["faithful", "fast"]
 
