@@ -56,7 +56,7 @@ _HOMES = {
     "apil_core.evaluation": ("EvaluationResult",),
     "apil_core.evaluator": ("evaluate",),
     "apil_core.runner": ("RunResult", "resume", "run"),
-    "apil_core.registry": ("load_policy", "make_game"),
+    "apil_core.plugins.registry": ("load_policy", "make_game"),
     "apil_core.victims.conformance": ("Conformance", "check_policy"),
     "apil_core.pettingzoo_game.options": ("PettingZooOptions",),
     "apil_core.pettingzoo_game.plugin": ("pettingzoo_spec",),
@@ -136,8 +136,8 @@ if TYPE_CHECKING:
     from apil_core.normalize import RunningMoments as RunningMoments
     from apil_core.pettingzoo_game.options import PettingZooOptions as PettingZooOptions
     from apil_core.pettingzoo_game.plugin import pettingzoo_spec as pettingzoo_spec
-    from apil_core.registry import load_policy as load_policy
-    from apil_core.registry import make_game as make_game
+    from apil_core.plugins.registry import load_policy as load_policy
+    from apil_core.plugins.registry import make_game as make_game
     from apil_core.results import EvaluationResult as EvaluationResult
     from apil_core.returns import gae as gae
     from apil_core.returns import normalize_advantages as normalize_advantages

@@ -15,7 +15,7 @@ from apil_core.common.errors import PluginError
 from apil_core.common.seeds import stream_seed
 from apil_core.learner import Actor
 from apil_core.normalize import ObservationNormalizer
-from apil_core.run_hooks import RunHookManager, shown
+from apil_core.plugins.hook_manager import RunHookManager, shown
 
 HOOK_STREAM = "evaluation hooks"
 """Random stream of stochastic hooks where there is no run."""

@@ -12,7 +12,7 @@ from apil_core.common.errors import RunDirError
 from apil_core.config_absent import with_absent
 from apil_core.config_io import flatten
 from apil_core.distributed.world import World
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 
 MAY_CHANGE = (
     *("steps", "threads", "device", "recorders", "checkpoint", "evaluation", "plugins", "init_from"),

@@ -15,7 +15,7 @@ from apil_core.api.specs import RunPluginSpec
 from apil_core.common.errors import ApilError
 from apil_core.config_layers import texts_in
 from apil_core.config_models import options_model
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 
 Model = TypeVar("Model", bound=BaseModel)
 

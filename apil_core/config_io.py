@@ -33,9 +33,9 @@ from apil_core.config_layers import (
 )
 from apil_core.config_models import full_model
 from apil_core.config_yaml import dump_yaml as dump_yaml
-from apil_core.default_victim import default_victim
 from apil_core.game_options import game_model, profile_problems, settled
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.default_victim import default_victim
+from apil_core.plugins.discovery import PluginRegistry
 
 _IDENTITY = ("version", "method", "env", "victim", "steps", "num_envs", "seed", "reward", "ppo", "options")
 """What every stored config has; a default in its place would silently be another run."""
@@ -142,7 +142,7 @@ def load_resolved(path: Path) -> RunConfig:
     Raises:
         ConfigError: it cannot be read, is wrong or of a newer version.
     """
-    from apil_core.registry import default_plugins
+    from apil_core.plugins.registry import default_plugins
 
     layer = file_layer(Path(path))
     data, origins = merge({}, [layer])

@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field, create_model
 from apil_core.api.config import RunConfig, Section
 from apil_core.api.specs import RunPluginSpec, load, titled
 from apil_core.common.errors import PluginError
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 
 
 class NoOptions(Section):

@@ -11,7 +11,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from apil_core.api.config import RunConfig
 from apil_core.config_models import full_model
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 
 
 def dump_yaml(config: RunConfig, plugins: PluginRegistry | None = None) -> str:

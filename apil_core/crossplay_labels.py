@@ -9,7 +9,7 @@ from pathlib import Path
 from apil_core.api.specs import GameSpec
 from apil_core.common.errors import ConfigError
 from apil_core.crossplay_players import Names, run_config
-from apil_core.registry import default_plugins
+from apil_core.plugins.registry import default_plugins
 from apil_core.retraining.folder import RetrainDir, is_retraining
 
 AUTO, BASELINE, ORIGINAL = "auto", "baseline", "original"

@@ -12,7 +12,7 @@ from apil_core.api.profiles import Profile
 from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.crossplay_document import Player
 from apil_core.pairing import Pairing, circumstances, load_pairing
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 from apil_core.results import Circumstances, PolicyId, in_words
 from apil_core.trained import Source, run_path
 

@@ -28,8 +28,8 @@ from apil_core.common.files import write_atomically
 from apil_core.common.seeds import stream_seed
 from apil_core.config_absent import completed
 from apil_core.exported_network import Traced, onnx_bytes, torchscript_bytes, trace
-from apil_core.plugins import PluginRegistry, discover
-from apil_core.registry import default_plugins, load_policy, make_game
+from apil_core.plugins.discovery import PluginRegistry, discover
+from apil_core.plugins.registry import default_plugins, load_policy, make_game
 from apil_core.seats import victim_side
 from apil_core.trained import Source, run_path
 

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 from apil_core.common.errors import UnknownNameError, VictimError
 from apil_core.evaluator import evaluate
 from apil_core.fidelity_plan import RowPlan
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import load_policy
 from apil_core.progress import Progress
-from apil_core.registry import load_policy
 from apil_core.results import EvaluationResult
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from apil_core.common.files import check_place, write_atomically
 from apil_core.common.statistics import Difference, difference
 from apil_core.fidelity_plan import RowPlan
 from apil_core.game_options import spelt_out
-from apil_core.plugins import PluginRegistry
-from apil_core.registry import load_policy
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import load_policy
 from apil_core.results import EvaluationResult, Rate
 
 

@@ -19,7 +19,7 @@ from apil_core.api.profiles import Profile, ProfiledOptions
 from apil_core.api.specs import GameSpec, Matchup, PublishedScore, load
 from apil_core.common.errors import ConfigError, suggest
 from apil_core.game_options import PHYSICS
-from apil_core.registry import options_model
+from apil_core.plugins.registry import options_model
 
 _MODE_KEYS = ("adversary_actions", "victim_actions")
 _MODES: tuple[ActionMode, ...] = ("sample", "mode")

@@ -34,9 +34,9 @@ from apil_core.common.tensors import all_finite
 from apil_core.episodes import EpisodeStats
 from apil_core.normalize import ObservationNormalizer, ReturnNormalizer
 from apil_core.observation_filter import ObservationFilter
+from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.rewards import dense_share, training_reward
 from apil_core.rollout_buffer import RolloutBuffer
-from apil_core.run_hooks import RunHookManager
 
 _OWN_TERMS = {"adversary", "victim", "uneven_share"}
 """Names under ``reward/`` in the metrics that are not a plugin's."""

@@ -18,8 +18,8 @@ from apil_core.common.errors import ApilError
 from apil_core.config_errors import Problem, problems_of, raise_problems
 from apil_core.config_layers import Key, Layer, flag_layer, merge, set_layer
 from apil_core.config_models import NoOptions, options_model
-from apil_core.plugins import PluginRegistry
-from apil_core.registry import default_plugins
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import default_plugins
 
 PHYSICS = "physics"
 """The option that names a profile."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from torch import Tensor
 
 from apil_core.api.types import Context
-from apil_core.run_hooks import RunHookManager
+from apil_core.plugins.hook_manager import RunHookManager
 
 
 class ObservationFilter:

@@ -13,7 +13,7 @@ from apil_core.common.errors import ConfigError, UnknownNameError
 from apil_core.config_errors import problems_of, raise_problems
 from apil_core.config_layers import Key, Layer, merge, set_layer
 from apil_core.config_models import options_model
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 
 if TYPE_CHECKING:
     pass

@@ -20,7 +20,7 @@ from apil_core.api.config import RunConfig
 from apil_core.common.errors import RunDirError
 from apil_core.common.files import write_atomically
 from apil_core.distributed.world import World
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 from apil_core.retraining.mark import is_retraining
 
 DEFAULT_ROOT = Path("runs")

@@ -23,10 +23,10 @@ from apil_core.config_layers import POLICY_NAME
 from apil_core.distributed.join import joined
 from apil_core.distributed.world import World
 from apil_core.log_rows import iterations_in_rows
-from apil_core.plugins import PluginRegistry, discover
+from apil_core.plugins.discovery import PluginRegistry, discover
+from apil_core.plugins.registry import default_plugins
 from apil_core.progress import Progress
 from apil_core.recorders import truncate_metrics
-from apil_core.registry import default_plugins
 from apil_core.rundir import RunDir, part_of_rank
 from apil_core.session import RunResult as RunResult
 from apil_core.session import Session

@@ -21,7 +21,7 @@ from apil_core.common.torch_threads import one_torch_thread
 from apil_core.distributed.join import in_contact
 from apil_core.log_rows import Row, RowLog, iterations_per_row, open_recorders
 from apil_core.plugin_state import states_of
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult
 from apil_core.rundir import RunDir, part_of_rank

@@ -11,8 +11,8 @@ from apil_core.api.types import Rollout
 from apil_core.build import Attack
 from apil_core.common.seeds import stream_seed
 from apil_core.game_env import AttackEnv
-from apil_core.plugins import PluginRegistry
-from apil_core.registry import make_game
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import make_game
 from apil_core.rollout_buffer import RolloutBuffer
 
 

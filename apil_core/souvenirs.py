@@ -68,10 +68,10 @@ def _attempt(made: Souvenirs, lack: str, make: Callable[[], Made]) -> Made | Non
 
 
 def _own_opponent(run: RunDir, progress: Progress) -> EvaluationResult | None:
-    from apil_core.default_victim import default_baseline
     from apil_core.evaluator import evaluate
     from apil_core.pairing import as_in_run
-    from apil_core.plugins import discover
+    from apil_core.plugins.default_victim import default_baseline
+    from apil_core.plugins.discovery import discover
     from apil_core.results import observers_played
 
     config = run.config()

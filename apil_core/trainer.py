@@ -21,8 +21,8 @@ from apil_core.distributed.replicas import Replicas
 from apil_core.doctor.processor import usable_cpus
 from apil_core.learner import MAIN_STREAM
 from apil_core.plugin_state import load_known_states, load_states, states_of
-from apil_core.plugins import PluginRegistry
-from apil_core.run_hooks import shown
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.hook_manager import shown
 from apil_core.side_games import SideGames
 
 

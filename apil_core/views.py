@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 def _single_game(game: Game | str, options: dict[str, Any] | None) -> Game:
     if isinstance(game, str):
-        from apil_core.registry import make_game
+        from apil_core.plugins.registry import make_game
 
         return make_game(game, num_envs=1, options=options)
     if options is not None:
@@ -199,8 +199,8 @@ class OpponentInsideEnv(gymnasium.Env[Array, Array]):
         self._torch = torch
         self._game = _single_game(game, options)
         if isinstance(game, str):
-            from apil_core.default_victim import default_victim
-            from apil_core.registry import default_plugins
+            from apil_core.plugins.default_victim import default_victim
+            from apil_core.plugins.registry import default_plugins
 
             plugins = default_plugins()
             spec = plugins.game(game)
@@ -220,7 +220,7 @@ class OpponentInsideEnv(gymnasium.Env[Array, Array]):
         if opponent is None:
             raise ConfigError("OpponentInsideEnv needs an opponent: a policy or the name of one")
         if isinstance(opponent, str):
-            from apil_core.registry import load_policy
+            from apil_core.plugins.registry import load_policy
             from apil_core.seats import full_name
 
             seat = self._game.layout.sides[1 - self._side]

@@ -22,7 +22,7 @@ from apil_core.distillation.options import DistillConfig
 from apil_core.distillation.report import Report
 from apil_core.fidelity_file import FidelityRow, read_rows
 from apil_core.game_options import spelt_out
-from apil_core.registry import default_plugins
+from apil_core.plugins.registry import default_plugins
 from apil_core.results import wilson
 from apil_core.victims.embedded import folder
 from apil_core.victims.student import load_file, save_file

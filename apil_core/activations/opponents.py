@@ -13,9 +13,9 @@ from apil_core.crossplay_document import Player
 from apil_core.crossplay_players import Lineup, Names, SharedOptions, check_unchanged, line_up, run_config
 from apil_core.crossplay_progress import PartOfAll
 from apil_core.pairing import load_pairing
-from apil_core.plugins import discover
+from apil_core.plugins.discovery import discover
+from apil_core.plugins.registry import default_plugins
 from apil_core.progress import Progress
-from apil_core.registry import default_plugins
 
 BASELINE = "baseline"
 """Label of normal play."""

@@ -15,9 +15,9 @@ from apil_core.common.errors import ApilError, ConfigError
 from apil_core.common.numbers import short_number
 from apil_core.config_io import plugin_files, resolve_layers
 from apil_core.config_layers import Layer, flag_layer, preset_layer, set_layer, texts_in
-from apil_core.default_victim import default_baseline
 from apil_core.observer_options import with_observers
-from apil_core.plugins import PluginRegistry, discover
+from apil_core.plugins.default_victim import default_baseline
+from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.results import observers_played
 
 _UNSAFE = re.compile(r"[^A-Za-z0-9_.=,+-]+")

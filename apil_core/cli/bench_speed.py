@@ -119,7 +119,7 @@ def speed(
     """
     from apil_core.cli.speed_progress import make_speed_progress
     from apil_core.cli.speed_table import print_report
-    from apil_core.plugins import discover
+    from apil_core.plugins.discovery import discover
     from apil_core.speed.bench import measure
     from apil_core.speed.plan import SpeedRequest, make_plan
 

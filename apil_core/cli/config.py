@@ -64,7 +64,7 @@ def schema(
 ) -> None:
     """Print the JSON Schema of config files, for editors and other tools."""
     from apil_core.config_models import json_schema
-    from apil_core.plugins import discover
+    from apil_core.plugins.discovery import discover
 
     print_json(json_schema(discover(plugin or []), method))
 
@@ -115,7 +115,7 @@ def _names_of(layer: Layer) -> Layer:
 
 def _resolve(layers: list[Layer], plugin: list[Path] | None) -> RunConfig:
     from apil_core.config_io import plugin_files, resolve_layers
-    from apil_core.plugins import discover
+    from apil_core.plugins.discovery import discover
 
     return resolve_layers(layers, discover([*plugin_files(layers), *(plugin or [])]))
 

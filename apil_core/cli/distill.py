@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from apil_core.common.statistics import Difference
     from apil_core.distillation.report import Report
     from apil_core.distillation.trainer import Entry
-    from apil_core.plugins import PluginRegistry
+    from apil_core.plugins.discovery import PluginRegistry
     from apil_core.progress import Progress
 
 _WHO = Group("Who learns from whom", sort_key=0)
@@ -120,7 +120,7 @@ def distill(
     """
     from apil_core.distillation.distill import distill as start
     from apil_core.distillation.distill import resume_distillation
-    from apil_core.plugins import discover
+    from apil_core.plugins.discovery import discover
 
     flags = flags or DistillFlags()
     registry = discover(plugin or [])

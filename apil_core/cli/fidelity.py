@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from apil_core.api.specs import GameSpec
     from apil_core.fidelity_file import FidelityRow, Figure
     from apil_core.fidelity_plan import SkippedMatchup
-    from apil_core.plugins import PluginRegistry
+    from apil_core.plugins.discovery import PluginRegistry
 
 WEIGHTS_MISSING = 1
 """Exit code where there were pairings, and weights for none of them."""
@@ -62,7 +62,7 @@ def fidelity(
     from apil_core.fidelity import missing_policy, play_rows
     from apil_core.fidelity_file import FidelityFile
     from apil_core.fidelity_plan import PlanRequest, plan_rows
-    from apil_core.plugins import discover
+    from apil_core.plugins.discovery import discover
 
     plugins = discover(plugin or [])
     variants = [_assignments(text) for text in variant or ()]
@@ -87,7 +87,7 @@ def fidelity(
 
 
 def _games(plugins: PluginRegistry, names: list[str] | None) -> list[GameSpec]:
-    from apil_core.registry import game_spec
+    from apil_core.plugins.registry import game_spec
 
     if names:
         return [game_spec(name, plugins) for name in dict.fromkeys(names)]

@@ -16,7 +16,7 @@ from apil_core.config_layers import located, preset_names
 if TYPE_CHECKING:
     from apil_core.config_layers import Layer
     from apil_core.pairing import PairingOptions
-    from apil_core.plugins import PluginRegistry
+    from apil_core.plugins.discovery import PluginRegistry
 
 _SETTINGS = Group("What to train", sort_key=0)
 _SOURCES = Group("Where settings come from (defaults < presets < file < flags < --set)", sort_key=1)
@@ -119,7 +119,7 @@ class ConfigFlags:
             ApilError: one line per mistake.
         """
         from apil_core.config_io import plugin_files, resolve_layers
-        from apil_core.plugins import discover
+        from apil_core.plugins.discovery import discover
 
         layers = self.layers()
         plugins = discover(plugin_files(layers))

@@ -12,8 +12,8 @@ from apil_core.cli.flags import Json
 from apil_core.cli.output import console, print_json
 
 if TYPE_CHECKING:
-    from apil_core.scaffold.names import Kind
-    from apil_core.scaffold.package import Written
+    from apil_core.plugins.scaffold.names import Kind
+    from apil_core.plugins.scaffold.package import Written
 
 _Name = Annotated[str, Parameter(name="NAME", help="Small letters, digits and hyphens, e.g. my-idea.")]
 _Out = Annotated[Path | None, Parameter(help="Directory to write, empty or not there yet [default: NAME].")]
@@ -50,10 +50,10 @@ def victim(
 def _write(
     kind: Kind, name: str, out: Path | None, as_json: bool, env: str = "", side: str | None = None
 ) -> None:
-    from apil_core.registry import default_plugins
-    from apil_core.scaffold.names import new_names
-    from apil_core.scaffold.package import write_package
-    from apil_core.scaffold.seat import find_seat
+    from apil_core.plugins.registry import default_plugins
+    from apil_core.plugins.scaffold.names import new_names
+    from apil_core.plugins.scaffold.package import write_package
+    from apil_core.plugins.scaffold.seat import find_seat
 
     plugins = default_plugins()
     names = new_names(kind, name, plugins)

@@ -12,8 +12,8 @@ from apil_core.cli.flags import Json, Plugins
 from apil_core.cli.output import console, print_json, table
 
 if TYPE_CHECKING:
-    from apil_core.plugin_check import PluginReport
-    from apil_core.plugins import PluginRecord, PluginRegistry
+    from apil_core.plugins.check import PluginReport
+    from apil_core.plugins.discovery import PluginRecord, PluginRegistry
 
 _Check = Annotated[
     bool, Parameter(name="--check", negative=(), help="Load all they name and compare their hooks.")
@@ -42,7 +42,7 @@ def plugins(*, plugin: Plugins | None = None, check: _Check = False, as_json: Js
 
 def games(*, plugin: Plugins | None = None, as_json: Json = False) -> None:
     """List games: sides, default victim on this machine, and what they are."""
-    from apil_core.default_victim import default_victim
+    from apil_core.plugins.default_victim import default_victim
 
     plugins = _discover(plugin)
     specs = [spec for _, spec in sorted(plugins.games.items())]
@@ -90,8 +90,8 @@ def observers(*, plugin: Plugins | None = None, as_json: Json = False) -> None:
 
 
 def _checked(plugin: list | None, as_json: bool) -> int:
-    from apil_core.plugin_check import check_plugins
-    from apil_core.plugins import discover
+    from apil_core.plugins.check import check_plugins
+    from apil_core.plugins.discovery import discover
 
     reports = check_plugins(discover(plugin or [], forgiving=True))
     if as_json:
@@ -118,7 +118,7 @@ def _stated(version: int | None) -> str:
 
 
 def _discover(plugin: list | None) -> PluginRegistry:
-    from apil_core.plugins import discover
+    from apil_core.plugins.discovery import discover
 
     return discover(plugin or [])
 

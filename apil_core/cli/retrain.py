@@ -19,7 +19,7 @@ from apil_core.common.errors import ApilError, RunDirError
 from apil_core.retraining.options import RetrainConfig
 
 if TYPE_CHECKING:
-    from apil_core.plugins import PluginRegistry
+    from apil_core.plugins.discovery import PluginRegistry
     from apil_core.results import EvaluationResult
     from apil_core.retraining.result import RetrainResult
 
@@ -107,7 +107,7 @@ def retrain(
             f"choose another, or continue it with: apil resume {out}"
         )
 
-    from apil_core.registry import default_plugins
+    from apil_core.plugins.registry import default_plugins
     from apil_core.retraining.retrain import retrain as start
     from apil_core.retraining.settings import settings
 

@@ -51,7 +51,7 @@ def check(
     as_json: Json = False,
 ) -> int:
     """Load a policy and try whether it can take a seat: sizes, bounds, memory, speed, and what is wrong."""
-    from apil_core.plugins import discover
+    from apil_core.plugins.discovery import discover
     from apil_core.victims.inspection import inspect_policy
 
     found = inspect_policy(name, env, side, discover(plugin or []), trust=True)
@@ -108,7 +108,7 @@ def download(
 
 def _listings(plugin: list[Path]) -> list[PolicyListing]:
     from apil_core.api.specs import load
-    from apil_core.plugins import discover
+    from apil_core.plugins.discovery import discover
 
     specs = discover(plugin).policies.values()
     return [row for spec in specs if spec.lister for row in load(spec.lister)()]

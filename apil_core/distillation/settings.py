@@ -11,8 +11,8 @@ from apil_core.config_errors import problems_of, raise_problems
 from apil_core.config_layers import flag_layer, merge, set_layer
 from apil_core.distillation.options import DistillConfig
 from apil_core.game_options import game_model, profile_problems
-from apil_core.plugins import PluginRegistry
-from apil_core.registry import default_plugins
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import default_plugins
 
 
 def settings(

@@ -9,7 +9,7 @@ import apil_core
 from apil_core.api.specs import load
 from apil_core.doctor.finding import Finding, Report, warning
 from apil_core.doctor.scope import Scope
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 
 CHECKS = {
     "python": "apil_core.doctor.interpreter:check",

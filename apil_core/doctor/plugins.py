@@ -8,7 +8,7 @@ from pathlib import Path
 from apil_core.common.errors import PluginError
 from apil_core.doctor.finding import Finding, error, good, listed, warning
 from apil_core.doctor.scope import Scope
-from apil_core.plugins import PluginRecord, PluginRegistry, discover
+from apil_core.plugins.discovery import PluginRecord, PluginRegistry, discover
 
 
 def find(registry: PluginRegistry, files: Sequence[Path]) -> Iterator[Finding]:

@@ -16,8 +16,8 @@ import numpy as np
 from apil_core.api.game import Game
 from apil_core.api.specs import load
 from apil_core.common.errors import ApilError
-from apil_core.plugins import PluginRegistry, discover
-from apil_core.registry import load_policy, make_game
+from apil_core.plugins.discovery import PluginRegistry, discover
+from apil_core.plugins.registry import load_policy, make_game
 
 GAMES = 64
 """Games that are stepped together; enough for the threads of most machines."""

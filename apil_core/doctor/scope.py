@@ -7,7 +7,7 @@ from pathlib import Path
 
 from apil_core.api.config import RunConfig
 from apil_core.api.specs import GameSpec
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 
 
 @dataclass(frozen=True)

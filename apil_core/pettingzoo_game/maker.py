@@ -16,7 +16,7 @@ from typing import Any
 from pettingzoo import AECEnv, ParallelEnv
 
 from apil_core.common.errors import ConfigError
-from apil_core.plugins import import_file
+from apil_core.plugins.discovery import import_file
 
 
 def one_line(error: BaseException) -> str:

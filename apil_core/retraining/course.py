@@ -12,7 +12,7 @@ from apil_core.common.errors import ApilError
 from apil_core.common.machine import resident_mb
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.log_rows import RowLog, open_recorders
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult, PolicyId
 from apil_core.retraining.folder import RetrainDir

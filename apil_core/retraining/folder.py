@@ -15,7 +15,7 @@ from apil_core.config_absent import read_stored
 from apil_core.config_errors import problems_of, raise_problems
 from apil_core.config_layers import file_layer
 from apil_core.config_yaml import commented_yaml
-from apil_core.registry import default_plugins
+from apil_core.plugins.registry import default_plugins
 from apil_core.retraining.mark import is_retraining
 from apil_core.retraining.options import RetrainConfig
 from apil_core.rundir import DEFAULT_ROOT, RunDir

@@ -14,10 +14,10 @@ from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.config_absent import with_absent
 from apil_core.config_errors import problems_of
 from apil_core.log_rows import iterations_in_rows
-from apil_core.plugins import PluginRegistry, discover
+from apil_core.plugins.discovery import PluginRegistry, discover
+from apil_core.plugins.registry import default_plugins
 from apil_core.progress import Progress
 from apil_core.recorders import truncate_metrics
-from apil_core.registry import default_plugins
 from apil_core.retraining.course import RetrainCourse
 from apil_core.retraining.folder import RetrainDir
 from apil_core.retraining.options import RetrainConfig

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 
 from apil_core.evaluator import evaluate
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult
 from apil_core.retraining.options import RetrainConfig

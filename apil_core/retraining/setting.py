@@ -13,9 +13,9 @@ from apil_core.api.specs import load
 from apil_core.build import check_device
 from apil_core.common.errors import ConfigError, UnknownNameError, VictimError
 from apil_core.common.seeds import stream_generator, stream_seed
-from apil_core.default_victim import default_baseline
-from apil_core.plugins import PluginRegistry
-from apil_core.registry import make_game
+from apil_core.plugins.default_victim import default_baseline
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import make_game
 from apil_core.retraining.critic import Critic, new_critic
 from apil_core.retraining.games import RetrainingGames
 from apil_core.retraining.learner import VictimLearner

@@ -13,10 +13,10 @@ from apil_core.api.config import RunConfig
 from apil_core.common.errors import ConfigError
 from apil_core.config_errors import problems_of, raise_problems
 from apil_core.config_layers import Layer, flag_layer, merge, set_layer
-from apil_core.default_victim import default_victim
 from apil_core.game_options import game_model, profile_problems, settled
-from apil_core.plugins import PluginRegistry, discover
-from apil_core.registry import default_plugins
+from apil_core.plugins.default_victim import default_victim
+from apil_core.plugins.discovery import PluginRegistry, discover
+from apil_core.plugins.registry import default_plugins
 from apil_core.retraining.options import RetrainConfig
 from apil_core.retraining.tally import MIXED
 from apil_core.seats import victim_name, victim_side

@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 from apil_core.speed.cell import CellBench
 from apil_core.speed.machine import this_machine
 from apil_core.speed.plan import CellPlan

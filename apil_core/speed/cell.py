@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from apil_core.api.stopwatch import PhysicsStopwatch
 from apil_core.common.machine import resident_mb
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 from apil_core.speed.blocks import Blocks, Lap
 from apil_core.speed.contestant import Contestant, Start
 from apil_core.speed.hooks import DirectHooks, TimedHooks

@@ -13,8 +13,8 @@ import torch
 
 from apil_core.api.config import RunConfig
 from apil_core.build import build
-from apil_core.plugins import PluginRegistry
-from apil_core.run_hooks import RunHookManager
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.speed.hooks import TimedHooks
 from apil_core.trainer import Trainer
 

@@ -13,7 +13,7 @@ import pluggy
 from apil_core.api.hooks import hookimpl
 from apil_core.api.specs import MethodSpec
 from apil_core.api.types import Rollout
-from apil_core.run_hooks import RunHookManager
+from apil_core.plugins.hook_manager import RunHookManager
 
 if TYPE_CHECKING:
     from torch import Tensor

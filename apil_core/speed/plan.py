@@ -12,8 +12,8 @@ from apil_core.api.specs import load
 from apil_core.common.errors import ConfigError, UnknownNameError
 from apil_core.config_io import resolve
 from apil_core.doctor.processor import usable_cpus
-from apil_core.plugins import PluginRegistry
-from apil_core.registry import options_model
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import options_model
 from apil_core.seats import victim_name
 from apil_core.speed.report import LEVELS, Level
 

@@ -11,7 +11,7 @@ from apil_core.api.hooks import hookimpl
 from apil_core.api.method import Method, Run
 from apil_core.api.specs import MethodSpec
 from apil_core.api.types import Context, Rollout, StepBatch, View
-from apil_core.plugins import PluginRecord, PluginRegistry
+from apil_core.plugins.discovery import PluginRecord, PluginRegistry
 
 FOLLOWER, OBSERVER = "apil_testing_follower", "apil_testing_observer"
 TERM, GROUP, STREAM, METRIC = "follower_term", "follower_group", "follower_stream", "follower_metric"

@@ -10,8 +10,8 @@ from typing import Any
 from apil_core.api.game import Game
 from apil_core.api.specs import GameSpec, load
 from apil_core.common.errors import UnknownNameError
-from apil_core.plugins import PluginRegistry
-from apil_core.registry import make_game
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import make_game
 from apil_core.testing.game_play import Play, Trial
 from apil_core.testing.game_promises import PROMISES
 from apil_core.testing.method_spec import check_import, check_options

@@ -6,7 +6,7 @@ import statistics
 from collections.abc import Sequence
 
 from apil_core.api.hookspecs import RunHooks
-from apil_core.run_hooks import RunHookManager
+from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.testing.method_runs import Watched
 from apil_core.testing.reports import HookCost
 from apil_core.testing.subject import Subject

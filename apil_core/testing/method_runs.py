@@ -15,8 +15,8 @@ from apil_core.api.method import Method
 from apil_core.build import build, build_hooks, method_setup
 from apil_core.config_io import complete
 from apil_core.plugin_state import stored_and_read, unstorable
-from apil_core.registry import make_game
-from apil_core.run_hooks import RunHookManager
+from apil_core.plugins.hook_manager import RunHookManager
+from apil_core.plugins.registry import make_game
 from apil_core.rundir import RunDir
 from apil_core.seats import victim_side
 from apil_core.testing import company

@@ -15,9 +15,9 @@ from apil_core.api.method import Method
 from apil_core.api.specs import load
 from apil_core.common.errors import PluginError
 from apil_core.config_models import options_model
-from apil_core.hook_fit import forgotten
-from apil_core.plugins import PluginRegistry
-from apil_core.run_hooks import RunHookManager
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.hook_manager import RunHookManager
+from apil_core.plugins.validation import forgotten
 from apil_core.testing.promises import METHOD_PROMISES, ContractError, Promise, hook_in, promised
 from apil_core.testing.subject import Subject
 

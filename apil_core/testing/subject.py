@@ -13,9 +13,9 @@ from apil_core.api.specs import MethodSpec, load
 from apil_core.build import build
 from apil_core.common.errors import PluginError, UnknownNameError
 from apil_core.config_io import complete
-from apil_core.plugins import PluginRegistry, discover
+from apil_core.plugins.discovery import PluginRegistry, discover
+from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.progress import Progress
-from apil_core.run_hooks import RunHookManager
 from apil_core.rundir import RunDir
 from apil_core.session import Session
 from apil_core.testing.promises import METHOD_PROMISES, ContractError, Promise, promised

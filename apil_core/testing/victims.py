@@ -18,8 +18,8 @@ from apil_core.api.policy import Policy
 from apil_core.api.types import View
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.evaluator import evaluate
-from apil_core.plugins import PluginRegistry
-from apil_core.registry import make_game
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import make_game
 from apil_core.results import EvaluationResult
 from apil_core.seats import Taking, load_victim
 from apil_core.testing.promises import VICTIM_PROMISES, ContractError, promised

@@ -12,8 +12,8 @@ import numpy as np
 import pluggy
 import torch
 
-from apil_core.run_hooks import RunHookManager
-from apil_core.unchanged import changed, copies
+from apil_core.plugins.hook_manager import RunHookManager
+from apil_core.plugins.unchanged import changed, copies
 
 
 @dataclass

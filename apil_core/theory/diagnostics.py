@@ -14,7 +14,7 @@ from pydantic import BaseModel
 
 from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.curves import Line
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 from apil_core.recorders import read_metrics
 from apil_core.rundir import RunDir
 from apil_core.theory.bounds import informative_kl, lemma_bound

@@ -12,8 +12,8 @@ from apil_core.api.policy import Policy
 from apil_core.api.types import View
 from apil_core.common.errors import UnknownNameError
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.plugins import PluginRegistry
-from apil_core.registry import game_spec, load_policy, make_game
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import game_spec, load_policy, make_game
 from apil_core.seats import full_name
 from apil_core.victims.conformance import Conformance, examine
 

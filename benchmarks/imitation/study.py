@@ -26,7 +26,7 @@ from apil_core.api.types import Rollout
 from apil_core.build import build_hooks, method_setup
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.config_io import resolve
-from apil_core.registry import default_plugins
+from apil_core.plugins.registry import default_plugins
 from apil_core.seats import victim_side
 
 KEPT = (

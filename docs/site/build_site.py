@@ -24,7 +24,7 @@ from site_check import problems
 from site_reference import cli_page, config_page, method_addendum
 from site_sources import ROOT, SiteError, Sources
 
-from apil_core.plugins import discover
+from apil_core.plugins.discovery import discover
 
 CONFIG = ROOT / "mkdocs.yml"
 HERE = Path(__file__).resolve().parent

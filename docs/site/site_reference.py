@@ -13,7 +13,7 @@ from apil_core.cli.app import make_app
 from apil_core.config_io import flatten
 from apil_core.config_layers import preset_layer, preset_names
 from apil_core.config_models import options_model
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 
 _BOUNDS = {"minimum": "≥ {}", "exclusiveMinimum": "> {}", "maximum": "≤ {}", "exclusiveMaximum": "< {}"}
 _KINDS = {

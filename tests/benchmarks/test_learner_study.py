@@ -11,7 +11,7 @@ from ruamel.yaml import YAML
 
 from apil_core import run
 from apil_core.config_io import flatten, resolve
-from apil_core.registry import default_plugins
+from apil_core.plugins.registry import default_plugins
 
 FOLDER = ROOT / "benchmarks" / "learner"
 

@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from apil_core.cli.speed_progress import BarWatch
-from apil_core.registry import default_plugins
+from apil_core.plugins.registry import default_plugins
 from apil_core.speed.bench import measure
 from apil_core.speed.plan import SpeedRequest, make_plan
 from cli.cli_helpers import COIN, Apil

@@ -73,10 +73,10 @@ def test_methods_games_and_plugins_are_listed(apil: Apil) -> None:
 
 
 def test_a_broken_installed_plugin_is_shown_with_its_error(apil: Apil, monkeypatch) -> None:
-    from apil_core.plugins import PluginRecord, PluginRegistry
+    from apil_core.plugins.discovery import PluginRecord, PluginRegistry
 
     record = PluginRecord("bad", "1.0", "entry point bad", error="ImportError: [x] missing")
-    monkeypatch.setattr("apil_core.plugins.discover", lambda files: PluginRegistry([record]))
+    monkeypatch.setattr("apil_core.plugins.discovery.discover", lambda files: PluginRegistry([record]))
     done = apil("plugins")
     assert done.code == 1
     assert "ImportError: [x] missing" in done.out

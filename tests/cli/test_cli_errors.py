@@ -112,7 +112,7 @@ def test_a_broken_plugin_file_is_named(apil: Apil, tmp_path: Path) -> None:
 def test_an_unexpected_error_leaves_its_traceback_in_a_file(
     apil: Apil, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("apil_core.plugins.discover", lambda files: 1 / 0)
+    monkeypatch.setattr("apil_core.plugins.discovery.discover", lambda files: 1 / 0)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     done = apil("methods")
     assert done.code == 1

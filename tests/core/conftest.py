@@ -8,7 +8,7 @@ from types import ModuleType
 import pytest
 
 from apil_core import GameSpec, Section
-from apil_core.plugins import PluginRegistry, discover
+from apil_core.plugins.discovery import PluginRegistry, discover
 
 
 class MarginConfig(Section):

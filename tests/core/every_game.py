@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from apil_core import Game
 from apil_core.api.specs import load
-from apil_core.registry import default_plugins, make_game
+from apil_core.plugins.registry import default_plugins, make_game
 
 GAME_NAMES = [name for name, spec in default_plugins().games.items() if not spec.family]
 """Families (``scheme:…``) are left out: they are no games by themselves."""

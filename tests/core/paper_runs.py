@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from apil_core.plugins.registry import default_plugins
 from apil_core.recorders import JsonlRecorder
-from apil_core.registry import default_plugins
 from apil_core.rundir import RunDir
 from core.small_runs import small_config
 

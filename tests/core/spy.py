@@ -10,7 +10,7 @@ from apil_core.api.config import BlindMode
 from apil_core.blinding import make_blinding
 from apil_core.pairing import Pairing
 from apil_core.play import Blinding, play
-from apil_core.run_hooks import RunHookManager
+from apil_core.plugins.hook_manager import RunHookManager
 
 
 class Spy(Policy):

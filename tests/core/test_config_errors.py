@@ -8,7 +8,7 @@ import pytest
 
 from apil_core.common.errors import ConfigError, UnknownNameError
 from apil_core.config_io import load_resolved, resolve
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 
 
 def message(registry: PluginRegistry, *sets: str, file: Path | None = None, **flags: object) -> str:

@@ -10,7 +10,7 @@ from apil_core.api.config import RunConfig
 from apil_core.config_io import differences, dump_yaml, load_resolved, resolve
 from apil_core.config_layers import preset_names
 from apil_core.config_models import json_schema
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 
 
 def write(path: Path, text: str) -> Path:

@@ -6,7 +6,7 @@ import sys
 import types
 
 from apil_core import Method, MethodSpec, evaluate, hookimpl, make_game, run
-from apil_core.plugins import PluginRecord, discover
+from apil_core.plugins.discovery import PluginRecord, discover
 from core.small_runs import small_config
 
 told: set[tuple[str, str, str, str]] = set()

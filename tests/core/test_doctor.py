@@ -19,7 +19,7 @@ from apil_core.doctor import (
 )
 from apil_core.doctor.scope import Scope
 from apil_core.doctor.trial import TrialError, attempt
-from apil_core.plugins import PluginRegistry, discover
+from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.victims import cache, catalogue
 
 WILD = Path(__file__).with_name("wild_games.py")

@@ -9,7 +9,7 @@ import pytest
 
 from apil_core.doctor import disk, interpreter, learning, packages, processor
 from apil_core.doctor.scope import Scope
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ from apil_core import (
     run,
 )
 from apil_core.export import Exported, export
-from apil_core.registry import default_plugins, make_game
+from apil_core.plugins.registry import default_plugins, make_game
 from apil_core.rundir import RunDir
 from apil_core.trained import Source
 from core.small_runs import small_config

@@ -13,7 +13,7 @@ from apil_core.common.statistics import difference
 from apil_core.fidelity import missing_policy, play_rows, summary
 from apil_core.fidelity_file import FidelityFile, FidelityRow
 from apil_core.fidelity_plan import Plan, PlanRequest, RowPlan, plan_rows, switches
-from apil_core.plugins import PluginRegistry, discover
+from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult, wilson
 

@@ -15,7 +15,7 @@ from apil_core import ConfigError, GameSpec, Matchup, ProfiledOptions, RunConfig
 from apil_core.config_io import resolve
 from apil_core.fidelity_plan import PlanRequest, plan_rows, switches
 from apil_core.game_options import overlaid, spelt_out, with_game_options
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ def test_the_public_api_lists_what_it_has():
 
 def test_finding_plugins_loads_neither_torch_nor_mujoco():
     code = (
-        "import sys; from apil_core.plugins import discover; discover();"
+        "import sys; from apil_core.plugins.discovery import discover; discover();"
         "print(sorted({'torch', 'mujoco', 'numpy.random'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -9,7 +9,7 @@ import torch
 
 from apil_core import Context, PluginError, SideLayout, hookimpl
 from apil_core.observation_filter import ObservationFilter
-from apil_core.run_hooks import RunHookManager
+from apil_core.plugins.hook_manager import RunHookManager
 
 SHAPE = (4, 3)
 

@@ -12,7 +12,7 @@ import torch
 from apil_core import ApilError, Observer, evaluate, resume, run
 from apil_core.config_io import complete, load_resolved
 from apil_core.plugin_state import stored_and_read
-from apil_core.plugins import PluginRecord, PluginRegistry, discover
+from apil_core.plugins.discovery import PluginRecord, PluginRegistry, discover
 from apil_core.rundir import RunDir
 from core.small_runs import differences, small_config
 
@@ -240,7 +240,7 @@ def drawing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_its_weights_depend_on_the_seed_alone_and_nobody_elses_on_it(drawing: Path) -> None:
     from apil_core.build import build_hooks, method_setup
-    from apil_core.registry import make_game
+    from apil_core.plugins.registry import make_game
 
     plugins = discover([drawing])
     game = make_game("toy-pursuit", num_envs=1)

@@ -20,12 +20,12 @@ from apil_core.api.hookspecs import RunHooks
 from apil_core.build import build
 from apil_core.checkpoint import to_tensors
 from apil_core.config_io import complete
-from apil_core.hook_fit import forgotten, register, remarks
-from apil_core.plugin_check import check_plugins
 from apil_core.plugin_state import unstorable
-from apil_core.plugins import PluginRecord, PluginRegistry, discover
-from apil_core.registry import default_plugins
-from apil_core.run_hooks import RunHookManager
+from apil_core.plugins.check import check_plugins
+from apil_core.plugins.discovery import PluginRecord, PluginRegistry, discover
+from apil_core.plugins.hook_manager import RunHookManager
+from apil_core.plugins.registry import default_plugins
+from apil_core.plugins.validation import forgotten, register, remarks
 from apil_core.trainer import Trainer
 from core.small_runs import differences, small_config
 

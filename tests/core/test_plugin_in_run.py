@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from apil_core import Method, MethodSpec, PluginError, evaluate, hookimpl, run
-from apil_core.plugins import PluginRecord, discover
+from apil_core.plugins.discovery import PluginRecord, discover
 from core.small_runs import small_config
 
 

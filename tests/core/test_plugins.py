@@ -9,8 +9,8 @@ import pytest
 from apil_core.api.hooks import hookimpl
 from apil_core.api.specs import MethodSpec
 from apil_core.common.errors import PluginError, UnknownNameError
-from apil_core.plugins import PluginRecord, PluginRegistry, discover
-from apil_core.run_hooks import RunHookManager
+from apil_core.plugins.discovery import PluginRecord, PluginRegistry, discover
+from apil_core.plugins.hook_manager import RunHookManager
 
 
 def module(**functions):

@@ -10,7 +10,7 @@ import pytest
 
 from apil_core.api.specs import load
 from apil_core.common.errors import RunDirError
-from apil_core.plugins import discover
+from apil_core.plugins.discovery import discover
 from apil_core.recorders import JsonlRecorder, TensorBoardRecorder, read_metrics, truncate_metrics
 from apil_core.rundir import RunDir
 

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from apil_core.common.errors import ApilError, ConfigError, RunDirError
-from apil_core.registry import default_plugins
+from apil_core.plugins.registry import default_plugins
 from apil_core.speed.bench import SpeedWatch, measure
 from apil_core.speed.blocks import Blocks, Lap
 from apil_core.speed.contestant import Contestant

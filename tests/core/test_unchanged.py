@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from apil_core import DiagonalGaussian, View
-from apil_core.unchanged import changed, copies
+from apil_core.plugins.unchanged import changed, copies
 
 
 def arguments():

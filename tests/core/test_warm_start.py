@@ -12,8 +12,8 @@ import torch
 from apil_core import ConfigError, RunConfig, VictimError, checkpoint, resume, run
 from apil_core.api.types import OWN_GROUP, View
 from apil_core.build import build
+from apil_core.plugins.registry import default_plugins
 from apil_core.progress import Progress
-from apil_core.registry import default_plugins
 from apil_core.rundir import RunDir
 from apil_core.trainer import Trainer
 from apil_core.warm_start import load_teacher, warm_start

@@ -15,7 +15,7 @@ from apil_core.distillation.distill import distill, resume_distillation
 from apil_core.distillation.options import DistillConfig
 from apil_core.distillation.setting import agent, named, prepare
 from apil_core.distillation.trainer import Entry
-from apil_core.plugins import PluginRegistry, discover
+from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.seats import load_victim
 from apil_core.victims.student import load_file
 

@@ -10,8 +10,8 @@ import torch
 from apil_core import UnknownNameError, VictimError, View, load_policy
 from apil_core.api.config import RunConfig
 from apil_core.config_io import complete
-from apil_core.default_victim import default_victim, is_here
-from apil_core.plugins import discover
+from apil_core.plugins.default_victim import default_victim, is_here
+from apil_core.plugins.discovery import discover
 from apil_core.seats import victim_name
 from apil_core.victims import catalogue, embedded
 from apil_core.victims.cache import cached_file

@@ -279,7 +279,7 @@ def test_make_run_imports_nothing_unless_told_to() -> None:
 
 
 def test_every_method_has_its_page() -> None:
-    from apil_core.plugins import discover
+    from apil_core.plugins.discovery import discover
 
     for name in discover().methods:
         if (ROOT / "plugins" / name).is_dir():
@@ -292,7 +292,7 @@ def test_every_method_has_its_page() -> None:
 def test_every_option_of_a_method_stands_on_its_page(name: str) -> None:
     from apil_core.api.specs import load
     from apil_core.config_io import flatten
-    from apil_core.plugins import discover
+    from apil_core.plugins.discovery import discover
 
     page = ROOT / "plugins" / name / "README.md"
     defaults = flatten(load(str(discover().methods[name].config))().model_dump(mode="json"))

@@ -15,7 +15,7 @@ from cli.cli_helpers import VERBS
 from apil_core.api.hookspecs import RunHooks
 from apil_core.config_io import flatten
 from apil_core.config_models import options_model
-from apil_core.plugins import discover
+from apil_core.plugins.discovery import discover
 from docs.pages import ROOT, blocks
 
 SITE = ROOT / "docs" / "site"

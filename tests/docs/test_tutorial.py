@@ -92,7 +92,9 @@ def test_a_tutorial_works_in_small(
         elif program == "python" and arguments[0].endswith(".py"):
             subprocess.run([sys.executable, *arguments], cwd=tmp_path, check=True)
         elif program == "apil" and not any(arguments[: len(verb)] == verb for verb in SLOW_ONLY):
-            monkeypatch.setattr("apil_core.registry._default", None)  # what is installed changes on the way
+            monkeypatch.setattr(
+                "apil_core.plugins.registry._default", None
+            )  # what is installed changes on the way
             added = FEWER.get(arguments[0], ())
             done = apil(*(word for word in arguments if word != "--show"), *added)
             assert done.code == 0, f"{command}\n{done.out}{done.err}"

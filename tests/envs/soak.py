@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from apil_core.registry import make_game
+from apil_core.plugins.registry import make_game
 from envs.game_laws import Before, check
 
 SCALES = (0.0, 0.3, 1.0, 3.0, 100.0)

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from apil_core import GameStep
-from apil_core.registry import make_game
+from apil_core.plugins.registry import make_game
 from apil_envs.game_base import MujocoGame
 
 LYING_BACK = [0.7071067811865476, 0, 0.7071067811865476, 0]

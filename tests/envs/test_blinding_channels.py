@@ -12,7 +12,7 @@ from core.spy import Spy, play_spied
 
 from apil_core import Game, View
 from apil_core.play import Blinding
-from apil_core.registry import default_plugins, make_game
+from apil_core.plugins.registry import default_plugins, make_game
 from apil_envs.game_base import MujocoGame
 from apil_envs.toy import ToyPursuit
 

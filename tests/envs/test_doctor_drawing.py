@@ -6,7 +6,7 @@ import pytest
 
 from apil_core.doctor import drawing, games
 from apil_core.doctor.scope import Scope
-from apil_core.plugins import discover
+from apil_core.plugins.discovery import discover
 from apil_envs import gl
 
 

@@ -10,7 +10,7 @@ import pytest
 from core.every_game import GAME_NAMES, short_game
 
 from apil_core import NO_WINNER, Game
-from apil_core.registry import default_plugins
+from apil_core.plugins.registry import default_plugins
 from apil_core.testing.game_play import Play
 from apil_core.testing.game_promises import PROMISES
 from apil_core.testing.games import check_spec, trial_of

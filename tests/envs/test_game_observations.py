@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from apil_core.registry import make_game
+from apil_core.plugins.registry import make_game
 from apil_envs.game_base import MujocoGame
 
 from .game_reference import ABOUT_OPPONENT, DESCRIBED, SIZES, Described, OneGame

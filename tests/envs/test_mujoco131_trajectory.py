@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from apil_core import GameStep
-from apil_core.registry import make_game
+from apil_core.plugins.registry import make_game
 from apil_envs.sumo import CAUSES, SumoAnts
 
 FILE = "sumo_ants_mujoco131_trajectory.npz"

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from apil_core import NO_WINNER
-from apil_core.registry import make_game
+from apil_core.plugins.registry import make_game
 from apil_envs.game_base import MujocoGame
 from apil_envs.run_to_goal import CAUSES, decide
 

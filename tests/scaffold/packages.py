@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from apil_core.registry import default_plugins
-from apil_core.scaffold.names import Kind, new_names
-from apil_core.scaffold.package import Written, write_package
-from apil_core.scaffold.seat import find_seat
+from apil_core.plugins.registry import default_plugins
+from apil_core.plugins.scaffold.names import Kind, new_names
+from apil_core.plugins.scaffold.package import Written, write_package
+from apil_core.plugins.scaffold.seat import find_seat
 
 KINDS: tuple[Kind, ...] = ("method", "game", "victim")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from apil_core.scaffold.package import Written
+from apil_core.plugins.scaffold.package import Written
 from scaffold.packages import KINDS, write_all
 
 pytestmark = pytest.mark.slow

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from apil_core import ConfigError
-from apil_core.plugins import PluginRegistry, discover
-from apil_core.scaffold.names import LONGEST, new_names
+from apil_core.plugins.discovery import PluginRegistry, discover
+from apil_core.plugins.scaffold.names import LONGEST, new_names
 
 
 @pytest.fixture(scope="module")

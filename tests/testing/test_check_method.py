@@ -10,7 +10,7 @@ import torch
 
 import testing.broken_methods as broken_methods
 from apil_core import MethodSpec, UnknownNameError, View
-from apil_core.plugins import PluginRecord, discover
+from apil_core.plugins.discovery import PluginRecord, discover
 from apil_core.testing import ContractError, MethodReport, check_method
 from apil_core.testing.method_calls import check_calls, expected_calls, first_difference
 from apil_core.testing.method_play import check_playing

@@ -166,7 +166,7 @@ def test_played_games_say_how_large_a_value_is(trained: RunDir) -> None:
 def test_kl_of_the_log_is_the_mean_over_the_rollout(tmp_path: Path) -> None:
     """``ppo/kl`` is KL(old ‖ new) over all states of the rollout after the last epoch, in nats."""
     from apil_core.build import build
-    from apil_core.plugins import discover
+    from apil_core.plugins.discovery import discover
     from apil_core.trainer import Trainer
 
     plugins = discover()

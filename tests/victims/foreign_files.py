@@ -16,7 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from apil_core import SideLayout, View
-from apil_core.registry import make_game
+from apil_core.plugins.registry import make_game
 
 OBSERVATIONS, ACTIONS = 7, 2
 

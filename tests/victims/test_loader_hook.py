@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from apil_core import ApilError, VictimError, load_policy
-from apil_core.plugins import PluginRegistry, discover
+from apil_core.plugins.discovery import PluginRegistry, discover
 from victims.foreign_files import seat
 
 PLUGIN = """

@@ -7,7 +7,7 @@ from safetensors import SafetensorError, safe_open
 from apil_core import adversary_file
 from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 from apil_core.victims import student
 from apil_core.victims.foreign.origin import Origin, one_line
 

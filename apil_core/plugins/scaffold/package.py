@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from apil_core.api.hook_api import HOOK_API
 from apil_core.common.errors import ConfigError
 from apil_core.common.files import why_unwritable
-from apil_core.scaffold.names import Names
-from apil_core.scaffold.seat import Seat
+from apil_core.plugins.scaffold.names import Names
+from apil_core.plugins.scaffold.seat import Seat
 
 if TYPE_CHECKING:
     from jinja2 import Environment

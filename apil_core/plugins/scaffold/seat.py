@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from apil_core.api.game import SideLayout
 from apil_core.common.errors import UnknownNameError
-from apil_core.plugins import PluginRegistry
-from apil_core.registry import game_spec, make_game
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import game_spec, make_game
 
 
 @dataclass(frozen=True)

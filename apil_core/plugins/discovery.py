@@ -22,7 +22,7 @@ from apil_core.api.hooks import PROJECT
 from apil_core.api.hookspecs import ProcessHooks, RunHooks
 from apil_core.api.specs import GameSpec, MethodSpec, ObserverSpec, PolicySpec, RecorderSpec, RunPluginSpec
 from apil_core.common.errors import PluginError, UnknownNameError
-from apil_core.hook_fit import register, unmarked
+from apil_core.plugins.validation import register, unmarked
 
 ENTRY_POINT_GROUP = "apil"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from apil_core.api.specs import GameSpec, PolicyListing, load
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 
 
 def default_victim(spec: GameSpec, plugins: PluginRegistry) -> str:

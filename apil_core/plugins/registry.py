@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from apil_core.api.game import Game, SideLayout
 from apil_core.api.specs import GameSpec, MethodSpec, ObserverSpec, RunPluginSpec, load, titled, wanted_of
 from apil_core.common.errors import ApilError, ConfigError, PluginError, UnknownNameError, VictimError
-from apil_core.plugins import PluginRegistry, discover
+from apil_core.plugins.discovery import PluginRegistry, discover
 
 if TYPE_CHECKING:
     from pydantic import BaseModel

@@ -17,9 +17,9 @@ from apil_core.api.method import Method, Observer, RunPlugin
 from apil_core.api.specs import MethodSpec, RunPluginSpec, load, titled, wanted_of
 from apil_core.common.errors import PluginError
 from apil_core.config_models import options_model
-from apil_core.hook_fit import register, remarks
-from apil_core.plugins import PluginRecord, PluginRegistry
-from apil_core.run_hooks import RunHookManager
+from apil_core.plugins.discovery import PluginRecord, PluginRegistry
+from apil_core.plugins.hook_manager import RunHookManager
+from apil_core.plugins.validation import register, remarks
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class PluginReport:
     """What was found of one plugin.
 
     Attributes:
-        name, version, origin: as :class:`apil_core.plugins.PluginRecord` has them.
+        name, version, origin: as :class:`apil_core.plugins.discovery.PluginRecord` has them.
         hook_api: version it says it was built for, or ``None``.
         broken: why it, or something it offers, cannot be used; empty if all works.
         remarks: what is odd but works.

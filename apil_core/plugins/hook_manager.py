@@ -14,7 +14,7 @@ from apil_core.api.hooks import PROJECT
 from apil_core.api.hookspecs import ProcessHooks, RunHooks
 from apil_core.api.specs import MethodSpec, load
 from apil_core.common.errors import ApilError, PluginError
-from apil_core.hook_fit import register, remarks
+from apil_core.plugins.validation import register, remarks
 
 if TYPE_CHECKING:
     import torch
@@ -157,7 +157,7 @@ class RunHookManager:
         Raises:
             PluginError: a hook changed a tensor it was handed; names the plugins asked, and the tensor.
         """
-        from apil_core.unchanged import changed, copies
+        from apil_core.plugins.unchanged import changed, copies
 
         before: list[Mapping[str, Tensor]] = []  # hooks may call hooks
 
@@ -195,7 +195,7 @@ class RunHookManager:
         Raises:
             PluginError: it failed, changed the rollout in place, or gives no dict.
         """
-        from apil_core.unchanged import changed, copies
+        from apil_core.plugins.unchanged import changed, copies
 
         before = copies({"rollout": rollout}) if self._watched else None
         try:

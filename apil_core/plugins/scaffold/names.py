@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from apil_core.common.errors import ConfigError
-from apil_core.plugins import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry
 
 Kind = Literal["method", "game", "victim"]
 
