@@ -23,7 +23,7 @@ from apil_core.api.game import GameLayout, SideLayout
 from apil_core.api.policy import PolicyInfo
 from apil_core.build import adversary_policy
 from apil_core.common.errors import ApilError, ConfigError, VictimError
-from apil_core.config_absent import read_stored
+from apil_core.config.absent import read_stored
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.victims.foreign.origin import Origin, one_line
 

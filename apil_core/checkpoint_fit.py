@@ -9,8 +9,8 @@ from typing import Any
 
 from apil_core.api.config import RunConfig
 from apil_core.common.errors import RunDirError
-from apil_core.config_absent import with_absent
-from apil_core.config_io import flatten
+from apil_core.config.absent import with_absent
+from apil_core.config.resolve import flatten
 from apil_core.distributed.world import World
 from apil_core.plugins.discovery import PluginRegistry
 

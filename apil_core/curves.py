@@ -10,9 +10,9 @@ import numpy as np
 from pydantic import BaseModel
 
 from apil_core.common.errors import ConfigError, RunDirError
+from apil_core.config.game import stored_physics
 from apil_core.episodes import WINDOW
 from apil_core.final_score import final_scores
-from apil_core.game_options import stored_physics
 from apil_core.recorders import read_metrics
 from apil_core.results import EvaluationResult, Rate
 from apil_core.rundir import RunDir

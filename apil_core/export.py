@@ -26,7 +26,7 @@ from apil_core.common.errors import ApilError, ConfigError
 from apil_core.common.extras import need
 from apil_core.common.files import write_atomically
 from apil_core.common.seeds import stream_seed
-from apil_core.config_absent import completed
+from apil_core.config.absent import completed
 from apil_core.exported_network import Traced, onnx_bytes, torchscript_bytes, trace
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import default_plugins, load_policy, make_game

@@ -18,7 +18,7 @@ from apil_core.api.config import ActionMode, EvaluationConfig
 from apil_core.api.profiles import Profile, ProfiledOptions
 from apil_core.api.specs import GameSpec, Matchup, PublishedScore, load
 from apil_core.common.errors import ConfigError, suggest
-from apil_core.game_options import PHYSICS
+from apil_core.config.game import PHYSICS
 from apil_core.plugins.registry import options_model
 
 _MODE_KEYS = ("adversary_actions", "victim_actions")

@@ -19,10 +19,10 @@ from apil_core.api.types import Context
 from apil_core.build import check_device, observing_alone
 from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.common.seeds import stream_generator, stream_seed
-from apil_core.config_absent import completed
-from apil_core.game_options import with_game_options
+from apil_core.config.absent import completed
+from apil_core.config.game import with_game_options
+from apil_core.config.observers import Observers, about, with_observers
 from apil_core.observation_filter import ObservationFilter
-from apil_core.observer_options import Observers, about, with_observers
 from apil_core.play import Players, Seat
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.hook_manager import RunHookManager

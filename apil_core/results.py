@@ -8,7 +8,7 @@ from pydantic import BaseModel
 
 from apil_core.api.config import ActionMode, BlindMode, RunConfig
 from apil_core.api.policy import PolicyInfo
-from apil_core.observer_options import Observers
+from apil_core.config.observers import Observers
 
 
 class PolicyId(BaseModel):

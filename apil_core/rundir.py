@@ -19,9 +19,9 @@ from filelock import FileLock, Timeout
 from apil_core.api.config import RunConfig
 from apil_core.common.errors import RunDirError
 from apil_core.common.files import write_atomically
+from apil_core.config.kind import is_retraining
 from apil_core.distributed.world import World
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.retraining.mark import is_retraining
 
 DEFAULT_ROOT = Path("runs")
 BEST = "best"
@@ -72,7 +72,7 @@ class RunDir:
 
     def write_config(self, config: RunConfig, plugins: PluginRegistry) -> None:
         """Store the resolved configuration; ``plugins`` explain their options in its comments."""
-        from apil_core.config_io import dump_yaml
+        from apil_core.config.resolve import dump_yaml
 
         text = dump_yaml(config, plugins).encode()
         write_atomically(self.config_path, lambda file: file.write(text))
@@ -97,7 +97,7 @@ class RunDir:
             raise RunDirError(f"{self.path} is no run directory (no config.yaml in it)")
         if is_retraining(self.path):
             raise RunDirError(f"{self.path} is a retraining, no run; its victim is retrained:{self.path}")
-        from apil_core.config_io import load_resolved
+        from apil_core.config.resolve import load_resolved
 
         return load_resolved(self.config_path)
 

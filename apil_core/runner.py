@@ -17,9 +17,9 @@ from apil_core.build import build
 from apil_core.checkpoint_fit import check_same_run, check_same_world, fitting
 from apil_core.common.errors import ConfigError, RunDirError, UnknownNameError
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.config_absent import completed
-from apil_core.config_io import complete
-from apil_core.config_layers import POLICY_NAME
+from apil_core.config.absent import completed
+from apil_core.config.layers import POLICY_NAME
+from apil_core.config.resolve import complete
 from apil_core.distributed.join import joined
 from apil_core.distributed.world import World
 from apil_core.log_rows import iterations_in_rows

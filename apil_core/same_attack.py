@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from apil_core.game_options import stored_game
+from apil_core.config.game import stored_game
 from apil_core.rundir import RunDir
 
 _FREE: Any = {

@@ -10,10 +10,10 @@ from apil_core.api.game import Game, SideLayout
 from apil_core.api.policy import Policy
 from apil_core.common.errors import ConfigError, VictimError
 from apil_core.common.seeds import stream_seed
+from apil_core.config.kind import is_retraining
 from apil_core.plugins.default_victim import default_victim
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import game_spec, load_policy
-from apil_core.retraining.mark import is_retraining
 from apil_core.victims.conformance import check_policy
 
 

@@ -16,10 +16,10 @@ from apil_core.build import adversary_policy
 from apil_core.checkpoint_fit import check_same_policy, fitting
 from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.common.files import sha256
-from apil_core.config_absent import completed
+from apil_core.config.absent import completed
+from apil_core.config.kind import is_retraining
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import make_game
-from apil_core.retraining.mark import is_retraining
 from apil_core.rundir import RunDir
 from apil_core.seats import victim_side
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from apil_core import ConfigError
 from apil_core.common.statistics import Difference, difference
+from apil_core.config.game import spelt_out
 from apil_core.fidelity_file import FidelityRow
-from apil_core.game_options import spelt_out
 from apil_core.plugins.registry import default_plugins
 from apil_envs.options import PhysicsProfile
 

@@ -18,10 +18,10 @@ from pathlib import Path
 
 from apil_core import EvaluationResult, evaluate
 from apil_core.common.statistics import Difference, difference
+from apil_core.config.game import spelt_out
 from apil_core.distillation.options import DistillConfig
 from apil_core.distillation.report import Report
 from apil_core.fidelity_file import FidelityRow, read_rows
-from apil_core.game_options import spelt_out
 from apil_core.plugins.registry import default_plugins
 from apil_core.results import wilson
 from apil_core.victims.embedded import folder

@@ -13,9 +13,9 @@ from apil_core.api.config import RunConfig
 from apil_core.bench.matrix import NAMES_WITHOUT_BUDGET, Matrix, ScoreConfig
 from apil_core.common.errors import ApilError, ConfigError
 from apil_core.common.numbers import short_number
-from apil_core.config_io import plugin_files, resolve_layers
-from apil_core.config_layers import Layer, flag_layer, preset_layer, set_layer, texts_in
-from apil_core.observer_options import with_observers
+from apil_core.config.layers import Layer, flag_layer, preset_layer, set_layer, texts_in
+from apil_core.config.observers import with_observers
+from apil_core.config.resolve import plugin_files, resolve_layers
 from apil_core.plugins.default_victim import default_baseline
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.results import observers_played
@@ -119,7 +119,7 @@ def _paths(data: Mapping[str, Any], prefix: tuple[str, ...] = ()) -> Iterator[tu
 
 
 def _check_names(matrix: Matrix, origin: str, plugins: PluginRegistry) -> None:
-    from apil_core.config_errors import Problem, raise_problems, unknown_name
+    from apil_core.config.problems import Problem, raise_problems, unknown_name
 
     known_methods, known_games = list(plugins.methods), plugins.game_names()
     problems: list[Problem] = [

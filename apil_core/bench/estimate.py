@@ -12,7 +12,7 @@ from apil_core.bench.cells import Benchmark, Cell
 from apil_core.bench.folder import BenchDir
 from apil_core.bench.jobs import Job, Ledger
 from apil_core.bench.matrix import ScoreConfig
-from apil_core.game_options import without_physics
+from apil_core.config.game import without_physics
 
 _STEPS = 32
 """Steps per game of an iteration measured: long enough for its parts, short enough to wait for."""

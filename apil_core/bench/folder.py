@@ -87,7 +87,7 @@ class BenchDir:
 
     def write_matrix(self, matrix: Matrix) -> None:
         """Store the resolved matrix, every key under a comment."""
-        from apil_core.config_yaml import commented_yaml
+        from apil_core.config.yaml import commented_yaml
 
         text = commented_yaml(matrix.model_dump(mode="json"), Matrix).encode()
         self.path.mkdir(parents=True, exist_ok=True)

@@ -179,7 +179,7 @@ class Ledger:
     def valid_crossplay(self, document: CrossPlay, game: str) -> CrossPlay:
         """What of a cross-play was played by those who are here now, as the matrix wants it."""
         from apil_core.bench.still_valid import still_valid
-        from apil_core.game_options import stored_physics
+        from apil_core.config.game import stored_physics
 
         stage, cells = self.benchmark.matrix.crossplay, self.benchmark.cells_of(game)
         wanted = None if stage is None else (stage.episodes, stage.physics or stored_physics(cells[0].config))
@@ -226,7 +226,7 @@ def matches(result: Any, wanted: ScoreConfig, cell: Cell, trained: int | None) -
 
     ``trained`` is ``None`` for the baseline, which has no run and so no run's observers.
     """
-    from apil_core.game_options import stored_physics
+    from apil_core.config.game import stored_physics
     from apil_core.results import observers_played, told
 
     if result is None:

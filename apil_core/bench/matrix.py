@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from apil_core.api.config import ActionMode, BlindMode, Section
 from apil_core.api.profiles import Profile
 from apil_core.common.numbers import number_list, whole_number
-from apil_core.config_layers import texts_in
+from apil_core.config.layers import texts_in
 
 MATRIX_VERSION = 2
 """Raised when a matrix of this version could be misread by older code."""
@@ -283,8 +283,8 @@ def load_matrix(name: str) -> Matrix:
     """
     from pydantic import ValidationError
 
-    from apil_core.config_errors import Problem, problems_of, raise_problems
-    from apil_core.config_layers import from_folder, parse_yaml
+    from apil_core.config.layers import from_folder, parse_yaml
+    from apil_core.config.problems import Problem, problems_of, raise_problems
 
     text, origin = matrix_text(name)
     data, lines = parse_yaml(text, origin)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from apil_core.bench.cells import Cell
 from apil_core.common.errors import ConfigError
-from apil_core.game_options import without_physics
+from apil_core.config.game import without_physics
 from apil_core.progress import Progress
 from apil_core.rundir import RunDir
 

@@ -91,8 +91,8 @@ def check_same_retraining(directory: Path, stage: RetrainingStage | None) -> Non
     Raises:
         ConfigError: it was begun with other settings.
     """
+    from apil_core.config.kind import is_retraining
     from apil_core.retraining.folder import RetrainDir
-    from apil_core.retraining.mark import is_retraining
 
     if stage is None or not is_retraining(directory):
         return

@@ -26,8 +26,8 @@ from apil_core.bench.jobs import (
 )
 from apil_core.bench.matrix import ScoreConfig
 from apil_core.common.errors import ConfigError, RunDirError
-from apil_core.config_io import differences
-from apil_core.game_options import without_physics
+from apil_core.config.game import without_physics
+from apil_core.config.resolve import differences
 from apil_core.progress import Progress
 from apil_core.rundir import RunDir
 

@@ -13,7 +13,7 @@ from apil_core.cli.flags import Json, Plugins, Quiet, count
 from apil_core.cli.guard import INTERRUPTED, complain
 from apil_core.cli.output import print_json
 from apil_core.common.errors import ConfigError
-from apil_core.config_layers import preset_names
+from apil_core.config.layers import preset_names
 
 if TYPE_CHECKING:
     from apil_core.speed.report import SpeedReport

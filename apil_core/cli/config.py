@@ -14,7 +14,7 @@ from apil_core.common.errors import ConfigError
 
 if TYPE_CHECKING:
     from apil_core.api.config import RunConfig
-    from apil_core.config_layers import Layer
+    from apil_core.config.layers import Layer
 
 app = sub_app("config", "Show, validate, describe and compare configurations.")
 
@@ -22,7 +22,7 @@ app = sub_app("config", "Show, validate, describe and compare configurations.")
 @app.command
 def show(*, flags: ConfigFlags | None = None, as_json: Json = False) -> None:
     """Print the complete configuration that "apil run" would use with the same flags."""
-    from apil_core.config_io import dump_yaml
+    from apil_core.config.resolve import dump_yaml
 
     config, plugins = (flags or ConfigFlags()).resolve()
     if as_json:
@@ -40,7 +40,7 @@ def validate(file: Path, /, *, plugin: Plugins | None = None, as_json: Json = Fa
     file
         YAML file, or a run directory.
     """
-    from apil_core.config_layers import file_layer
+    from apil_core.config.layers import file_layer
 
     try:
         config = _resolve([file_layer(file)], plugin)
@@ -63,7 +63,7 @@ def schema(
     plugin: Plugins | None = None,
 ) -> None:
     """Print the JSON Schema of config files, for editors and other tools."""
-    from apil_core.config_models import json_schema
+    from apil_core.config.schema import json_schema
     from apil_core.plugins.discovery import discover
 
     print_json(json_schema(discover(plugin or []), method))
@@ -82,7 +82,7 @@ def diff(first: str, second: str, /, *, plugin: Plugins | None = None, as_json: 
     second
         Preset, YAML file or run directory.
     """
-    from apil_core.config_io import differences
+    from apil_core.config.resolve import differences
 
     layers = [_layer(first), _layer(second)]
     a, b = (_resolve([_names_of(other), own], plugin) for own, other in (layers, reversed(layers)))
@@ -101,20 +101,20 @@ def diff(first: str, second: str, /, *, plugin: Plugins | None = None, as_json: 
 
 def _layer(name: str) -> Layer:
     """A preset by name, else a file or run directory."""
-    from apil_core.config_layers import file_layer, preset_layer, preset_names
+    from apil_core.config.layers import file_layer, preset_layer, preset_names
 
     is_path = Path(name).exists() or "/" in name or name.endswith((".yaml", ".yml"))
     return file_layer(Path(name)) if is_path and name not in preset_names() else preset_layer(name)
 
 
 def _names_of(layer: Layer) -> Layer:
-    from apil_core.config_layers import flag_layer
+    from apil_core.config.layers import flag_layer
 
     return flag_layer({key: layer.data.get(key) for key in ("method", "env")})
 
 
 def _resolve(layers: list[Layer], plugin: list[Path] | None) -> RunConfig:
-    from apil_core.config_io import plugin_files, resolve_layers
+    from apil_core.config.resolve import plugin_files, resolve_layers
     from apil_core.plugins.discovery import discover
 
     return resolve_layers(layers, discover([*plugin_files(layers), *(plugin or [])]))

@@ -106,7 +106,7 @@ def _check_profiles(games: list[GameSpec]) -> None:
 def _assignments(text: str) -> dict[str, Any]:
     """``a=1,b=x`` as a mapping; values are read as YAML."""
     from apil_core.common.errors import ConfigError
-    from apil_core.config_layers import parse_yaml
+    from apil_core.config.layers import parse_yaml
 
     pairs = [part.partition("=") for part in text.split(",")]
     if not all(key.strip() and equals for key, equals, _ in pairs):

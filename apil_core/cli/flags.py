@@ -11,10 +11,10 @@ from cyclopts import Group, Parameter
 from apil_core.api.config import RunConfig
 from apil_core.api.profiles import Profile
 from apil_core.common.numbers import whole_number
-from apil_core.config_layers import located, preset_names
+from apil_core.config.layers import located, preset_names
 
 if TYPE_CHECKING:
-    from apil_core.config_layers import Layer
+    from apil_core.config.layers import Layer
     from apil_core.pairing import PairingOptions
     from apil_core.plugins.discovery import PluginRegistry
 
@@ -100,7 +100,7 @@ class ConfigFlags:
 
     def layers(self) -> list[Layer]:
         """The configuration layers these flags stand for."""
-        from apil_core.config_io import gather, plugin_files
+        from apil_core.config.resolve import gather, plugin_files
 
         keys = ("method", "env", "victim", "steps", "num_envs", "threads", "seed", "device")
         flags: dict[str, Any] = {key: getattr(self, key) for key in keys}
@@ -118,7 +118,7 @@ class ConfigFlags:
         Raises:
             ApilError: one line per mistake.
         """
-        from apil_core.config_io import plugin_files, resolve_layers
+        from apil_core.config.resolve import plugin_files, resolve_layers
         from apil_core.plugins.discovery import discover
 
         layers = self.layers()

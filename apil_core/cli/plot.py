@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from apil_core.cli.flags import Json
 from apil_core.cli.output import console, print_json
 from apil_core.common.errors import ConfigError
-from apil_core.retraining.mark import is_retraining
+from apil_core.config.kind import is_retraining
 
 if TYPE_CHECKING:
     from apil_core.curve_groups import CurveGroup

@@ -69,7 +69,7 @@ def compare(
 
 def _entry(run: RunDir) -> dict[str, Any]:
     """One row of the listing; a run that cannot be read is listed with its error, not fatal."""
-    from apil_core.game_options import stored_physics
+    from apil_core.config.game import stored_physics
 
     try:
         config, summary = run.config(), run.summary()

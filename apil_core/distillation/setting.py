@@ -15,11 +15,11 @@ from apil_core.api.specs import GameSpec
 from apil_core.api.types import View
 from apil_core.build import check_device
 from apil_core.common.errors import ConfigError, VictimError
+from apil_core.config.game import game_model, overlaid
 from apil_core.distillation.collector import Collector
 from apil_core.distillation.learner import StudentLearner
 from apil_core.distillation.options import DistillConfig
 from apil_core.distillation.trainer import Course
-from apil_core.game_options import game_model, overlaid
 from apil_core.plugins.default_victim import is_here
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from apil_core.common.errors import ApilError
-from apil_core.config_io import resolve_layers
-from apil_core.config_layers import preset_layer, preset_names
+from apil_core.config.layers import preset_layer, preset_names
+from apil_core.config.resolve import resolve_layers
 from apil_core.doctor.finding import Finding, good, listed, warning
 from apil_core.doctor.scope import Scope
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from apil_core.config_io import differences
+from apil_core.config.resolve import differences
 from apil_core.report.settings import Key, conditions, key_of
 from apil_core.report.sources import Run
 from apil_core.results import EvaluationResult

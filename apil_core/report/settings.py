@@ -10,9 +10,9 @@ from typing import Any
 from apil_core.api.config import RunConfig
 from apil_core.api.specs import GameSpec
 from apil_core.common.errors import ApilError
-from apil_core.config_io import differences, flatten, resolve_layers
-from apil_core.config_layers import flag_layer
-from apil_core.game_options import game_model, profile_keys
+from apil_core.config.game import game_model, profile_keys
+from apil_core.config.layers import flag_layer
+from apil_core.config.resolve import differences, flatten, resolve_layers
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.report.sources import Run
 from apil_core.results import EvaluationResult, in_words, observers_played

@@ -14,8 +14,8 @@ from apil_core.bench.folder import BenchDir, CellDir, read_score
 from apil_core.bench.jobs import Job, make_jobs
 from apil_core.bench.matrix import PLAIN, Matrix
 from apil_core.common.errors import ApilError, ConfigError, RunDirError
+from apil_core.config.game import stored_physics
 from apil_core.final_score import final_score
-from apil_core.game_options import stored_physics
 from apil_core.results import EvaluationResult, told
 from apil_core.rundir import RunDir
 

@@ -8,11 +8,11 @@ from typing import Any
 
 from apil_core.api.profiles import FAITHFUL
 from apil_core.common.errors import RunDirError
+from apil_core.config.game import PHYSICS
 from apil_core.curve_captions import Wording
 from apil_core.curve_groups import CurveGroup
 from apil_core.curves import LEAST_GAMES, Curve, ScorePoint, shares
 from apil_core.episodes import WINDOW
-from apil_core.game_options import PHYSICS
 from apil_core.recorders import read_metrics
 from apil_core.results import EvaluationResult, wilson
 from apil_core.retraining.folder import RetrainDir

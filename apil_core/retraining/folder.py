@@ -11,12 +11,12 @@ from pydantic import ValidationError
 
 from apil_core.common.errors import RunDirError
 from apil_core.common.files import write_atomically
-from apil_core.config_absent import read_stored
-from apil_core.config_errors import problems_of, raise_problems
-from apil_core.config_layers import file_layer
-from apil_core.config_yaml import commented_yaml
+from apil_core.config.absent import read_stored
+from apil_core.config.kind import is_retraining
+from apil_core.config.layers import file_layer
+from apil_core.config.problems import problems_of, raise_problems
+from apil_core.config.yaml import commented_yaml
 from apil_core.plugins.registry import default_plugins
-from apil_core.retraining.mark import is_retraining
 from apil_core.retraining.options import RetrainConfig
 from apil_core.rundir import DEFAULT_ROOT, RunDir
 

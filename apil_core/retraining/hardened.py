@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from apil_core.common.errors import VictimError
+from apil_core.config.kind import is_retraining
 from apil_core.retraining.folder import RetrainDir
-from apil_core.retraining.mark import is_retraining
 from apil_core.victims.student_policy import StudentPolicy
 
 SCHEME = "retrained"

@@ -11,8 +11,8 @@ from pydantic import ValidationError
 from apil_core import checkpoint
 from apil_core.checkpoint_fit import check_same_settings, fitting
 from apil_core.common.errors import ConfigError, RunDirError
-from apil_core.config_absent import with_absent
-from apil_core.config_errors import problems_of
+from apil_core.config.absent import with_absent
+from apil_core.config.problems import problems_of
 from apil_core.log_rows import iterations_in_rows
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import default_plugins

@@ -11,9 +11,9 @@ from pydantic import ValidationError
 
 from apil_core.api.config import RunConfig
 from apil_core.common.errors import ConfigError
-from apil_core.config_errors import problems_of, raise_problems
-from apil_core.config_layers import Layer, flag_layer, merge, set_layer
-from apil_core.game_options import game_model, profile_problems, settled
+from apil_core.config.game import game_model, profile_problems, settled
+from apil_core.config.layers import Layer, flag_layer, merge, set_layer
+from apil_core.config.problems import problems_of, raise_problems
 from apil_core.plugins.default_victim import default_victim
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import default_plugins

@@ -10,7 +10,7 @@ from typing import Any
 from apil_core.api.config import RunConfig
 from apil_core.api.specs import load
 from apil_core.common.errors import ConfigError, UnknownNameError
-from apil_core.config_io import resolve
+from apil_core.config.resolve import resolve
 from apil_core.doctor.processor import usable_cpus
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import options_model

@@ -13,7 +13,7 @@ import torch
 from apil_core.api.config import RunConfig
 from apil_core.api.method import Method
 from apil_core.build import build, build_hooks, method_setup
-from apil_core.config_io import complete
+from apil_core.config.resolve import complete
 from apil_core.plugin_state import stored_and_read, unstorable
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.registry import make_game

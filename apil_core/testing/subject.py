@@ -12,7 +12,7 @@ from apil_core.api.config import RunConfig
 from apil_core.api.specs import MethodSpec, load
 from apil_core.build import build
 from apil_core.common.errors import PluginError, UnknownNameError
-from apil_core.config_io import complete
+from apil_core.config.resolve import complete
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.progress import Progress

@@ -11,7 +11,7 @@ from typing import Any
 
 from apil_core.api.config import RunConfig
 from apil_core.common.errors import ApilError
-from apil_core.retraining.mark import is_retraining
+from apil_core.config.kind import is_retraining
 from apil_core.retraining.options import RetrainConfig
 from apil_core.rundir import RunDir
 

@@ -25,7 +25,7 @@ from apil_core.api.method import Run
 from apil_core.api.types import Rollout
 from apil_core.build import build_hooks, method_setup
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.config_io import resolve
+from apil_core.config.resolve import resolve
 from apil_core.plugins.registry import default_plugins
 from apil_core.seats import victim_side
 

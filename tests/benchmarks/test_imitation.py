@@ -10,7 +10,7 @@ from core.small_runs import small_config
 from docs.pages import ROOT
 
 from apil_core import run
-from apil_core.config_io import resolve
+from apil_core.config.resolve import resolve
 from apil_core.plugins.registry import default_plugins
 
 FOLDER = ROOT / "benchmarks" / "imitation"

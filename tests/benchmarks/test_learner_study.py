@@ -10,7 +10,7 @@ from docs.pages import ROOT
 from ruamel.yaml import YAML
 
 from apil_core import run
-from apil_core.config_io import flatten, resolve
+from apil_core.config.resolve import flatten, resolve
 from apil_core.plugins.registry import default_plugins
 
 FOLDER = ROOT / "benchmarks" / "learner"

@@ -21,9 +21,9 @@ from apil_core import (
     resume,
     run,
 )
-from apil_core.config_absent import filled, with_absent
-from apil_core.config_io import dump_yaml, flatten, load_resolved, resolve
-from apil_core.config_layers import parse_yaml
+from apil_core.config.absent import filled, with_absent
+from apil_core.config.layers import parse_yaml
+from apil_core.config.resolve import dump_yaml, flatten, load_resolved, resolve
 from apil_core.plugins.registry import default_plugins
 from apil_core.rundir import RunDir
 from core.small_runs import small_config

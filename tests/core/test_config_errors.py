@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from apil_core.common.errors import ConfigError, UnknownNameError
-from apil_core.config_io import load_resolved, resolve
+from apil_core.config.resolve import load_resolved, resolve
 from apil_core.plugins.discovery import PluginRegistry
 
 

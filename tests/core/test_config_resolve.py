@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from apil_core.api.config import RunConfig
-from apil_core.config_io import differences, dump_yaml, load_resolved, resolve
-from apil_core.config_layers import preset_names
-from apil_core.config_models import json_schema
+from apil_core.config.layers import preset_names
+from apil_core.config.resolve import differences, dump_yaml, load_resolved, resolve
+from apil_core.config.schema import json_schema
 from apil_core.plugins.discovery import PluginRegistry
 
 

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from apil_core import ConfigError, RunDirError, checkpoint, evaluate, resume
-from apil_core.config_io import dump_yaml
+from apil_core.config.resolve import dump_yaml
 from apil_core.distributed.merging import merged
 from apil_core.distributed.moments import pooled
 from apil_core.distributed.replicas import averaged, parts

@@ -12,9 +12,9 @@ from typing import Any, ClassVar
 import pytest
 
 from apil_core import ConfigError, GameSpec, Matchup, ProfiledOptions, RunConfig
-from apil_core.config_io import resolve
+from apil_core.config.game import overlaid, spelt_out, with_game_options
+from apil_core.config.resolve import resolve
 from apil_core.fidelity_plan import PlanRequest, plan_rows, switches
-from apil_core.game_options import overlaid, spelt_out, with_game_options
 from apil_core.plugins.discovery import PluginRegistry
 
 

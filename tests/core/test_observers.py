@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from apil_core import ApilError, Observer, evaluate, resume, run
-from apil_core.config_io import complete, load_resolved
+from apil_core.config.resolve import complete, load_resolved
 from apil_core.plugin_state import stored_and_read
 from apil_core.plugins.discovery import PluginRecord, PluginRegistry, discover
 from apil_core.rundir import RunDir
@@ -291,8 +291,8 @@ def test_a_checkpoint_without_its_state_is_refused(tmp_path: Path, drawing: Path
 
 @pytest.mark.parametrize("observers", [({"drift": 1},), (["drift"],), (3,)])
 def test_what_is_no_name_is_told_by_the_model(drifting: PluginRegistry, observers: Any) -> None:
-    from apil_core.config_io import resolve_layers
-    from apil_core.config_layers import Layer
+    from apil_core.config.layers import Layer
+    from apil_core.config.resolve import resolve_layers
 
     with pytest.raises(ApilError, match=r"observers.0: should be a valid string"):
         resolve_layers([Layer({"env": "toy-pursuit", "observers": list(observers)})], drifting)

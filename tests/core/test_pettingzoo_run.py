@@ -16,8 +16,8 @@ import pytest
 
 from apil_core import ConfigError, PluginError, UnknownNameError, checkpoint, resume, run
 from apil_core.cli import main
-from apil_core.config_io import complete, dump_yaml
-from apil_core.config_models import json_schema
+from apil_core.config.resolve import complete, dump_yaml
+from apil_core.config.schema import json_schema
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.rundir import RunDir
 from core.small_runs import differences, small_config

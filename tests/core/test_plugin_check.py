@@ -19,7 +19,7 @@ from apil_core.api.hooks import PROJECT
 from apil_core.api.hookspecs import RunHooks
 from apil_core.build import build
 from apil_core.checkpoint import to_tensors
-from apil_core.config_io import complete
+from apil_core.config.resolve import complete
 from apil_core.plugin_state import unstorable
 from apil_core.plugins.check import check_plugins
 from apil_core.plugins.discovery import PluginRecord, PluginRegistry, discover

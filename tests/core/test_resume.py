@@ -14,7 +14,7 @@ import pytest
 import torch
 
 from apil_core import ApilError, ConfigError, RunDirError, checkpoint, resume, run, runner
-from apil_core.config_io import dump_yaml
+from apil_core.config.resolve import dump_yaml
 from apil_core.final_score import final_scores
 from apil_core.progress import Progress
 from apil_core.rundir import RunDir

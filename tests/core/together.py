@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from apil_core import RunConfig, resume, run
-from apil_core.config_layers import file_layer
+from apil_core.config.layers import file_layer
 from apil_core.distributed.join import joined
 
 

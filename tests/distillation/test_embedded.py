@@ -9,7 +9,7 @@ import torch
 
 from apil_core import UnknownNameError, VictimError, View, load_policy
 from apil_core.api.config import RunConfig
-from apil_core.config_io import complete
+from apil_core.config.resolve import complete
 from apil_core.plugins.default_victim import default_victim, is_here
 from apil_core.plugins.discovery import discover
 from apil_core.seats import victim_name

@@ -291,7 +291,7 @@ def test_every_method_has_its_page() -> None:
 @pytest.mark.parametrize("name", ["apl", "apil", "e_apil"])
 def test_every_option_of_a_method_stands_on_its_page(name: str) -> None:
     from apil_core.api.specs import load
-    from apil_core.config_io import flatten
+    from apil_core.config.resolve import flatten
     from apil_core.plugins.discovery import discover
 
     page = ROOT / "plugins" / name / "README.md"

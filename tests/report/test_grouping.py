@@ -9,7 +9,7 @@ from core.paper_runs import VICTIM, row
 from core.small_runs import small_config
 
 from apil_core.bench.folder import write_score
-from apil_core.config_io import complete
+from apil_core.config.resolve import complete
 from apil_core.plugins.registry import default_plugins
 from apil_core.report.evidence import gather
 from apil_core.report.models import Evidence

@@ -10,7 +10,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from apil_core.api.config import RunConfig
-from apil_core.config_models import full_model
+from apil_core.config.schema import full_model
 from apil_core.plugins.discovery import PluginRegistry
 
 
@@ -18,7 +18,7 @@ def dump_yaml(config: RunConfig, plugins: PluginRegistry | None = None) -> str:
     """YAML with every key, each under a comment that says what it is.
 
     Args:
-        config: to be written; :func:`apil_core.config_io.load_resolved` reads it back equal.
+        config: to be written; :func:`apil_core.config.resolve.load_resolved` reads it back equal.
         plugins: also comments the options of methods, observers and game.
     """
     model: type[BaseModel] = type(config)

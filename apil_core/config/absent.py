@@ -13,8 +13,8 @@ from pydantic_core import to_jsonable_python
 from apil_core.api.config import Absent, RunConfig
 from apil_core.api.specs import RunPluginSpec
 from apil_core.common.errors import ApilError
-from apil_core.config_layers import texts_in
-from apil_core.config_models import options_model
+from apil_core.config.layers import texts_in
+from apil_core.config.schema import options_model
 from apil_core.plugins.discovery import PluginRegistry
 
 Model = TypeVar("Model", bound=BaseModel)

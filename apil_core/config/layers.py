@@ -72,7 +72,7 @@ class Layer:
 
 def preset_names() -> list[str]:
     """Presets that ship with the package."""
-    folder = resources.files("apil_core") / "presets"
+    folder = resources.files("apil_core.config") / "presets"
     return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml"))
 
 
@@ -84,7 +84,7 @@ def preset_layer(name: str) -> Layer:
     """
     if name not in preset_names():
         raise UnknownNameError("preset", name, preset_names())
-    text = (resources.files("apil_core") / "presets" / f"{name}.yaml").read_text("utf-8")
+    text = (resources.files("apil_core.config") / "presets" / f"{name}.yaml").read_text("utf-8")
     data, lines = parse_yaml(text, f"preset {name}")
     return Layer(data, dict.fromkeys(lines, f"preset {name}"), preset=True)
 

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from apil_core.common.errors import ConfigError, UnknownNameError, suggest
-from apil_core.config_layers import Key
+from apil_core.config.layers import Key
 
 
 @dataclass(frozen=True)

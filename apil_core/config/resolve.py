@@ -18,9 +18,9 @@ from pydantic import ValidationError
 from apil_core.api.config import SCHEMA_VERSION, RunConfig
 from apil_core.api.specs import GameSpec, RunPluginSpec, titled
 from apil_core.common.errors import ConfigError, suggest
-from apil_core.config_absent import read_stored, with_absent
-from apil_core.config_errors import Problem, problems_of, raise_problems, unknown_name
-from apil_core.config_layers import (
+from apil_core.config.absent import read_stored, with_absent
+from apil_core.config.game import game_model, profile_problems, settled
+from apil_core.config.layers import (
     Key,
     Layer,
     file_layer,
@@ -31,9 +31,9 @@ from apil_core.config_layers import (
     set_layer,
     texts_in,
 )
-from apil_core.config_models import full_model
-from apil_core.config_yaml import dump_yaml as dump_yaml
-from apil_core.game_options import game_model, profile_problems, settled
+from apil_core.config.problems import Problem, problems_of, raise_problems, unknown_name
+from apil_core.config.schema import full_model
+from apil_core.config.yaml import dump_yaml as dump_yaml
 from apil_core.plugins.default_victim import default_victim
 from apil_core.plugins.discovery import PluginRegistry
 

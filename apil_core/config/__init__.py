@@ -1,0 +1,1 @@
+"""From files, presets and flags to one checked configuration."""
