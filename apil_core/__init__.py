@@ -57,7 +57,7 @@ _HOMES = {
     "apil_core.evaluator": ("evaluate",),
     "apil_core.runner": ("RunResult", "resume", "run"),
     "apil_core.plugins.registry": ("load_policy", "make_game"),
-    "apil_core.victims.conformance": ("Conformance", "check_policy"),
+    "apil_core.policies.conformance": ("Conformance", "check_policy"),
     "apil_core.pettingzoo_game.options": ("PettingZooOptions",),
     "apil_core.pettingzoo_game.plugin": ("pettingzoo_spec",),
 }
@@ -138,13 +138,13 @@ if TYPE_CHECKING:
     from apil_core.pettingzoo_game.plugin import pettingzoo_spec as pettingzoo_spec
     from apil_core.plugins.registry import load_policy as load_policy
     from apil_core.plugins.registry import make_game as make_game
+    from apil_core.policies.conformance import Conformance as Conformance
+    from apil_core.policies.conformance import check_policy as check_policy
     from apil_core.results import EvaluationResult as EvaluationResult
     from apil_core.returns import gae as gae
     from apil_core.returns import normalize_advantages as normalize_advantages
     from apil_core.runner import RunResult as RunResult
     from apil_core.runner import resume as resume
     from apil_core.runner import run as run
-    from apil_core.victims.conformance import Conformance as Conformance
-    from apil_core.victims.conformance import check_policy as check_policy
     from apil_core.views import OpponentInsideEnv as OpponentInsideEnv
     from apil_core.views import ParallelGameEnv as ParallelGameEnv

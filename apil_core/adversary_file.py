@@ -25,7 +25,7 @@ from apil_core.build import adversary_policy
 from apil_core.common.errors import ApilError, ConfigError, VictimError
 from apil_core.config.absent import read_stored
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.victims.foreign.origin import Origin, one_line
+from apil_core.policies.foreign.origin import Origin, one_line
 
 FORMAT = "apil-adversary-1"
 

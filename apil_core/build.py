@@ -23,8 +23,8 @@ from apil_core.plugin_state import check_states, load_states
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.registry import build_methods, build_observers, game_spec, make_game
+from apil_core.policies.seats import pinned, run_victim, victim_side
 from apil_core.rewards import resolve_weights
-from apil_core.seats import pinned, run_victim, victim_side
 
 
 @dataclass

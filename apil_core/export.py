@@ -30,7 +30,7 @@ from apil_core.config.absent import completed
 from apil_core.exported_network import Traced, onnx_bytes, torchscript_bytes, trace
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import default_plugins, load_policy, make_game
-from apil_core.seats import victim_side
+from apil_core.policies.seats import victim_side
 from apil_core.trained import Source, run_path
 
 Format = Literal["onnx", "torchscript", "safetensors"]

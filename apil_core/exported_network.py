@@ -19,9 +19,9 @@ from apil_core.api.game import SideLayout
 from apil_core.api.method import RunPlugin
 from apil_core.api.types import View
 from apil_core.common.errors import ApilError
-from apil_core.victims.foreign.archive import rebuilt
-from apil_core.victims.foreign.network import SIGNATURE_FILE, Reads, Signature
-from apil_core.victims.foreign.origin import one_line
+from apil_core.policies.foreign.archive import rebuilt
+from apil_core.policies.foreign.network import SIGNATURE_FILE, Reads, Signature
+from apil_core.policies.foreign.origin import one_line
 
 OPSET = 20
 INPUTS: tuple[Reads, ...] = get_args(Reads)

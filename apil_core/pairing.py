@@ -27,8 +27,8 @@ from apil_core.play import Players, Seat
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.registry import default_plugins, make_game
+from apil_core.policies.seats import BASELINES, Taking, load_victim, run_victim, victim_side
 from apil_core.results import PolicyId, observers_played
-from apil_core.seats import BASELINES, Taking, load_victim, run_victim, victim_side
 from apil_core.trained import SCHEME, Source, run_path
 
 

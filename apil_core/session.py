@@ -22,10 +22,10 @@ from apil_core.distributed.join import in_contact
 from apil_core.log_rows import Row, RowLog, iterations_per_row, open_recorders
 from apil_core.plugin_state import states_of
 from apil_core.plugins.discovery import PluginRegistry
+from apil_core.policies.seats import victim_name
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult
 from apil_core.rundir import RunDir, part_of_rank
-from apil_core.seats import victim_name
 from apil_core.stop_signal import Stopped, StopWish
 from apil_core.trainer import Trainer
 from apil_core.trainer_score import score_in_training

@@ -20,8 +20,8 @@ from apil_core.config.absent import completed
 from apil_core.config.kind import is_retraining
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import make_game
+from apil_core.policies.seats import victim_side
 from apil_core.rundir import RunDir
-from apil_core.seats import victim_side
 
 SCHEME = "run:"
 

@@ -221,7 +221,7 @@ class OpponentInsideEnv(gymnasium.Env[Array, Array]):
             raise ConfigError("OpponentInsideEnv needs an opponent: a policy or the name of one")
         if isinstance(opponent, str):
             from apil_core.plugins.registry import load_policy
-            from apil_core.seats import full_name
+            from apil_core.policies.seats import full_name
 
             seat = self._game.layout.sides[1 - self._side]
             return load_policy(full_name(opponent, seat), seat=seat)

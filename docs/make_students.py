@@ -23,9 +23,9 @@ from apil_core.distillation.options import DistillConfig
 from apil_core.distillation.report import Report
 from apil_core.fidelity_file import FidelityRow, read_rows
 from apil_core.plugins.registry import default_plugins
+from apil_core.policies.embedded import folder
+from apil_core.policies.student import load_file, save_file
 from apil_core.results import wilson
-from apil_core.victims.embedded import folder
-from apil_core.victims.student import load_file, save_file
 
 HERE = Path(__file__).parent
 PAGE = HERE / "victims.md"

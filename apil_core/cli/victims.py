@@ -14,8 +14,8 @@ from apil_core.cli.output import console, print_json, table
 
 if TYPE_CHECKING:
     from apil_core.api.specs import PolicyListing
-    from apil_core.victims.importer import ImportRow
-    from apil_core.victims.inspection import Inspection
+    from apil_core.policies.inspection import Inspection
+    from apil_core.policies.zoo_import import ImportRow
 
 CANNOT_PLAY = 2
 """Exit code of ``check`` where the policy cannot take the seat."""
@@ -52,7 +52,7 @@ def check(
 ) -> int:
     """Load a policy and try whether it can take a seat: sizes, bounds, memory, speed, and what is wrong."""
     from apil_core.plugins.discovery import discover
-    from apil_core.victims.inspection import inspect_policy
+    from apil_core.policies.inspection import inspect_policy
 
     found = inspect_policy(name, env, side, discover(plugin or []), trust=True)
     if as_json:
@@ -70,7 +70,7 @@ def import_(
     as_json: Json = False,
 ) -> None:
     """Convert the zoo's published pickles, checked by SHA-256, to safetensors on this machine."""
-    from apil_core.victims.store import ZooImportError, import_zoo
+    from apil_core.policies.zoo import ZooImportError, import_zoo
 
     try:
         rows = import_zoo(directory)
@@ -94,7 +94,7 @@ def download(
     as_json: Json = False,
 ) -> None:
     """Fetch the zoo's published weights, check their SHA-256 and convert them."""
-    from apil_core.victims.store import ZooImportError, download_zoo
+    from apil_core.policies.zoo import ZooImportError, download_zoo
 
     try:
         rows = download_zoo(game, base_url)

@@ -21,11 +21,11 @@ from apil_core.distillation.workspace import Workspace
 from apil_core.evaluation import MAX_PARALLEL_GAMES
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import default_plugins, make_game
+from apil_core.policies.student import load_file, save_file, weights_sha256
+from apil_core.policies.student_policy import StudentPolicy
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult
 from apil_core.rundir import environment
-from apil_core.victims.student import load_file, save_file, weights_sha256
-from apil_core.victims.student_policy import StudentPolicy
 
 OnStage = Callable[[Entry, int], None]
 

@@ -20,7 +20,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from apil_core.victims.student_policy import StudentShape
+from apil_core.policies.student_policy import StudentShape
 
 _LSTM_WEIGHTS = ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
 Memory = tuple[Tensor, Tensor]

@@ -23,8 +23,8 @@ from apil_core.distillation.trainer import Course
 from apil_core.plugins.default_victim import is_here
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
-from apil_core.seats import Taking, load_victim
-from apil_core.victims.student_policy import StudentShape
+from apil_core.policies.seats import Taking, load_victim
+from apil_core.policies.student_policy import StudentShape
 
 _LONGEST_BLOCK = 512
 

@@ -13,7 +13,7 @@ from apil_core.distillation.collector import Cast, Collector, Sample
 from apil_core.distillation.learner import Block, StudentLearner
 from apil_core.distillation.options import DistillConfig
 from apil_core.normalize import RunningMoments
-from apil_core.victims.student_policy import StudentShape
+from apil_core.policies.student_policy import StudentShape
 
 _TRUE_BLOCKS = 4
 """Every so many blocks, from the first, are played by the game's own options instead of ``practice``."""

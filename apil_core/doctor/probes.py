@@ -105,7 +105,7 @@ def victims(plugins: PluginRegistry) -> dict[str, Any]:
         ``auto``: by game, the victim's name and the reason why it does not load or ``""``.
     """
     from apil_core.api.config import RunConfig
-    from apil_core.seats import victim_name
+    from apil_core.policies.seats import victim_name
 
     listed: dict[str, str | None] = {}
     for scheme, policies in plugins.policies.items():

@@ -13,6 +13,7 @@ from apil_core.common.machine import resident_mb
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.log_rows import RowLog, open_recorders
 from apil_core.plugins.discovery import PluginRegistry
+from apil_core.policies.student import load_file, save_file
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult, PolicyId
 from apil_core.retraining.folder import RetrainDir
@@ -22,7 +23,6 @@ from apil_core.retraining.scoring import score_each
 from apil_core.retraining.setting import Setting, shares
 from apil_core.rundir import environment
 from apil_core.stop_signal import Stopped, StopWish
-from apil_core.victims.student import load_file, save_file
 
 Scores = dict[str, EvaluationResult]
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from apil_core.common.errors import VictimError
 from apil_core.config.kind import is_retraining
+from apil_core.policies.student_policy import StudentPolicy
 from apil_core.retraining.folder import RetrainDir
-from apil_core.victims.student_policy import StudentPolicy
 
 SCHEME = "retrained"
 
@@ -18,7 +18,7 @@ def name_of(path: Path) -> str:
 
 
 def load(name: str) -> StudentPolicy:
-    """A fresh policy on the CPU; its file is a student's (:mod:`apil_core.victims.student`).
+    """A fresh policy on the CPU; its file is a student's (:mod:`apil_core.policies.student`).
 
     Args:
         name: directory of the retraining.
@@ -26,7 +26,7 @@ def load(name: str) -> StudentPolicy:
     Raises:
         VictimError: there is no retraining, it has no victim yet, or the file is damaged.
     """
-    from apil_core.victims.student import load_file
+    from apil_core.policies.student import load_file
 
     path = Path(name).expanduser()
     directory = RetrainDir(path)

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from apil_core.distillation.learner import Memory, StudentNetwork
-from apil_core.victims.student_policy import StudentShape, Weights
+from apil_core.policies.student_policy import StudentShape, Weights
 
 _STATISTICS = ("observation.mean", "observation.std")
 

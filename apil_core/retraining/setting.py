@@ -16,6 +16,7 @@ from apil_core.common.seeds import stream_generator, stream_seed
 from apil_core.plugins.default_victim import default_baseline
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
+from apil_core.policies.seats import Taking, load_victim
 from apil_core.retraining.critic import Critic, new_critic
 from apil_core.retraining.games import RetrainingGames
 from apil_core.retraining.learner import VictimLearner
@@ -26,7 +27,6 @@ from apil_core.retraining.settings import BASELINE
 from apil_core.retraining.trainable import StoredCritic, Trainable, trainable
 from apil_core.retraining.trainer import RetrainTrainer
 from apil_core.rewards import resolve_weights
-from apil_core.seats import Taking, load_victim
 
 
 @dataclass

@@ -17,9 +17,9 @@ from apil_core.config.problems import problems_of, raise_problems
 from apil_core.plugins.default_victim import default_victim
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import default_plugins
+from apil_core.policies.seats import victim_name, victim_side
 from apil_core.retraining.options import RetrainConfig
 from apil_core.retraining.tally import MIXED
-from apil_core.seats import victim_name, victim_side
 from apil_core.trained import SCHEME, Source, run_path
 
 BASELINE = "baseline"

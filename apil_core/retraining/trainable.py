@@ -17,9 +17,9 @@ from apil_core.api.policy import Policy
 from apil_core.api.types import OWN_GROUP
 from apil_core.common.errors import VictimError
 from apil_core.normalize import ObservationNormalizer
-from apil_core.victims.networks import LstmNetwork, MlpNetwork, Network
-from apil_core.victims.student_policy import StudentPolicy, StudentShape, Weights
-from apil_core.victims.zoo_policy import ZooPolicy
+from apil_core.policies.student_policy import StudentPolicy, StudentShape, Weights
+from apil_core.policies.zoo_networks import LstmNetwork, MlpNetwork, Network
+from apil_core.policies.zoo_policy import ZooPolicy
 
 TRAINABLE = (
     "zoo:…, embedded:…, retrained:DIR, a student's safetensors:FILE, "

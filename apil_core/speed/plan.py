@@ -14,7 +14,7 @@ from apil_core.config.resolve import resolve
 from apil_core.doctor.processor import usable_cpus
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import options_model
-from apil_core.seats import victim_name
+from apil_core.policies.seats import victim_name
 from apil_core.speed.report import LEVELS, Level
 
 ALL = "all"

@@ -9,11 +9,11 @@ from torch import Tensor
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.evaluation import score
 from apil_core.pairing import Pairing, load_pairing
+from apil_core.policies.conformance import check_policy
 from apil_core.results import EvaluationResult
 from apil_core.testing.method_runs import Watched
 from apil_core.testing.promises import METHOD_PROMISES, promised
 from apil_core.testing.subject import Subject
-from apil_core.victims.conformance import check_policy
 
 EPISODES, STEPS = 4, 6
 

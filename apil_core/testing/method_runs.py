@@ -17,8 +17,8 @@ from apil_core.config.resolve import complete
 from apil_core.plugin_state import stored_and_read, unstorable
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.registry import make_game
+from apil_core.policies.seats import victim_side
 from apil_core.rundir import RunDir
-from apil_core.seats import victim_side
 from apil_core.testing import company
 from apil_core.testing.promises import METHOD_PROMISES, ContractError, promised
 from apil_core.testing.states import differences

@@ -20,7 +20,8 @@ from apil_core.doctor import (
 from apil_core.doctor.scope import Scope
 from apil_core.doctor.trial import TrialError, attempt
 from apil_core.plugins.discovery import PluginRegistry, discover
-from apil_core.victims import cache, catalogue
+from apil_core.policies import zoo_cache as cache
+from apil_core.policies import zoo_catalogue as catalogue
 
 WILD = Path(__file__).with_name("wild_games.py")
 

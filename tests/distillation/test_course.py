@@ -16,8 +16,8 @@ from apil_core.distillation.options import DistillConfig
 from apil_core.distillation.setting import agent, named, prepare
 from apil_core.distillation.trainer import Entry
 from apil_core.plugins.discovery import PluginRegistry, discover
-from apil_core.seats import load_victim
-from apil_core.victims.student import load_file
+from apil_core.policies.seats import load_victim
+from apil_core.policies.student import load_file
 
 
 def config(**changes: Any) -> DistillConfig:

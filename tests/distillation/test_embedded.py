@@ -12,9 +12,10 @@ from apil_core.api.config import RunConfig
 from apil_core.config.resolve import complete
 from apil_core.plugins.default_victim import default_victim, is_here
 from apil_core.plugins.discovery import discover
-from apil_core.seats import victim_name
-from apil_core.victims import catalogue, embedded
-from apil_core.victims.cache import cached_file
+from apil_core.policies import embedded
+from apil_core.policies import zoo_catalogue as catalogue
+from apil_core.policies.seats import victim_name
+from apil_core.policies.zoo_cache import cached_file
 
 STUDENTS = (
     "kick-and-defend/kicker/v1",

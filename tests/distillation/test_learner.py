@@ -10,7 +10,7 @@ import torch
 
 from apil_core.api.types import DiagonalGaussian
 from apil_core.distillation.learner import Block, StudentLearner, kl_nats
-from apil_core.victims.student_policy import StudentShape
+from apil_core.policies.student_policy import StudentShape
 
 
 def block(label: torch.Tensor, observation: torch.Tensor, done: torch.Tensor) -> Block:

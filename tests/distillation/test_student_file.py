@@ -13,8 +13,8 @@ from safetensors.torch import save_file as save_tensors
 
 from apil_core import PolicyInfo, VictimError, View
 from apil_core.distillation.learner import StudentLearner
-from apil_core.victims.student import load_file, save_file, weights_sha256
-from apil_core.victims.student_policy import StudentPolicy, StudentShape
+from apil_core.policies.student import load_file, save_file, weights_sha256
+from apil_core.policies.student_policy import StudentPolicy, StudentShape
 
 TINY = StudentShape("mlp", observation_size=2, action_size=1, width=0, hidden=(), clip=5.0)
 WEIGHTS = {

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from apil_core import evaluate, resume
+from apil_core.policies.zoo_import import import_zoo
 from apil_core.rundir import RunDir
-from apil_core.victims.importer import import_zoo
 from docs.pages import ROOT
 
 PAGE = ROOT / "docs" / "long-runs.md"

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from apil_core.victims import catalogue
-from apil_core.victims.layout import vector_length
+from apil_core.policies import zoo_catalogue as catalogue
+from apil_core.policies.zoo_layout import vector_length
 from victims.zoo_server import ZooServer, serving
 
 Vectors = dict[str, NDArray[np.float32]]

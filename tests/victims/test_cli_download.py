@@ -11,7 +11,8 @@ import pytest
 from cli.cli_helpers import Outcome
 
 from apil_core.cli import main
-from apil_core.victims import catalogue, store
+from apil_core.policies import zoo as store
+from apil_core.policies import zoo_catalogue as catalogue
 from victims.zoo_server import Fault, ZooServer
 
 KICKER = "zoo:kick-and-defend/kicker/v1"

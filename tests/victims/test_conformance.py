@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from apil_core import Decision, DiagonalGaussian, Policy, PolicyInfo, VictimError, View, load_policy
-from apil_core.victims.conformance import check_policy, examine
+from apil_core.policies.conformance import check_policy, examine
 from victims.foreign_files import seat, view
 
 

@@ -15,8 +15,8 @@ import torch
 from torch import Tensor, nn
 
 from apil_core import VictimError, load_policy
-from apil_core.victims.importer import ZooImportError
-from apil_core.victims.store import import_zoo
+from apil_core.policies.zoo import import_zoo
+from apil_core.policies.zoo_import import ZooImportError
 from victims.foreign_files import Attack, Plain, malicious, save, seat
 
 

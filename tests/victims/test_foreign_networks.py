@@ -12,9 +12,9 @@ from core.test_resume import final_state
 from torch import nn
 
 from apil_core import VictimError, load_policy, resume, run
-from apil_core.victims.conformance import check_policy
-from apil_core.victims.foreign.network import NetworkPolicy, Signature
-from apil_core.victims.foreign.origin import Origin
+from apil_core.policies.conformance import check_policy
+from apil_core.policies.foreign.network import NetworkPolicy, Signature
+from apil_core.policies.foreign.origin import Origin
 from victims.foreign_files import Gaussian, Plain, Recurrent, save, seat, view
 
 SUFFIXES = (".pt", ".pt2", ".onnx")

@@ -15,8 +15,8 @@ from core.small_runs import small_config
 from gymnasium.spaces import Box, Dict, Discrete
 
 from apil_core import OpponentInsideEnv, RunConfig, VictimError, View, evaluate, load_policy, resume, run
+from apil_core.policies.conformance import check_policy
 from apil_core.rundir import RunDir
-from apil_core.victims.conformance import check_policy
 from victims.foreign_files import seat, view
 
 sb3 = pytest.importorskip("stable_baselines3", reason="needs the extra sb3: pip install 'apil[sb3]'")

@@ -84,7 +84,7 @@ def test_a_missing_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_finding_the_formats_imports_nothing_heavy() -> None:
     code = (
-        "import sys, apil_core.victims.foreign.plugin as p; p.register_policies();"
+        "import sys, apil_core.policies.foreign.plugin as p; p.register_policies();"
         "assert not {'torch', 'mujoco', 'onnxruntime', 'stable_baselines3', 'numpy'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

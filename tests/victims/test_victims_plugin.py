@@ -10,7 +10,7 @@ import torch
 
 from apil_core import VictimError, View
 from apil_core.api.specs import load
-from apil_core.victims import plugin
+from apil_core.policies import plugin
 
 
 def view(games: int, size: int) -> View:
@@ -21,8 +21,8 @@ def view(games: int, size: int) -> View:
 @pytest.mark.parametrize(
     "code",
     [
-        "import apil_core.victims.plugin as p; p.register_policies()",
-        "from apil_core.victims.store import list_zoo; assert len(list_zoo()) == 19",
+        "import apil_core.policies.plugin as p; p.register_policies()",
+        "from apil_core.policies.zoo import list_zoo; assert len(list_zoo()) == 19",
     ],
 )
 def test_neither_torch_nor_mujoco(code: str) -> None:
@@ -41,7 +41,7 @@ def test_specs_resolve() -> None:
 
 
 def test_random_baseline() -> None:
-    policy = load("apil_core.victims.baseline:load")("random/384x17")
+    policy = load("apil_core.policies.baseline:load")("random/384x17")
     assert policy.info.name == "baseline:random/384x17"
     decisions = [
         policy.act(view(400, 384), sample=True, generator=torch.Generator().manual_seed(1)) for _ in range(2)
@@ -56,7 +56,7 @@ def test_random_baseline() -> None:
 
 
 def test_zero_baseline() -> None:
-    policy = load("apil_core.victims.baseline:load")("zero/137x8")
+    policy = load("apil_core.policies.baseline:load")("zero/137x8")
     decision = policy.act(view(3, 137), sample=True)
     assert decision.action.shape == (3, 8)
     assert not decision.action.any()
@@ -66,4 +66,4 @@ def test_zero_baseline() -> None:
 @pytest.mark.parametrize("name", ["random", "random/0x3", "noise/384x17", "zero/384x17/v1", ""])
 def test_unknown_baseline(name: str) -> None:
     with pytest.raises(VictimError, match="known: random/OxA, zero/OxA"):
-        load("apil_core.victims.baseline:load")(name)
+        load("apil_core.policies.baseline:load")(name)

@@ -11,7 +11,9 @@ import pooch
 import pytest
 
 from apil_core import UnknownNameError, VictimError
-from apil_core.victims import cache, catalogue, store
+from apil_core.policies import zoo as store
+from apil_core.policies import zoo_cache as cache
+from apil_core.policies import zoo_catalogue as catalogue
 from victims.conftest import COMMIT
 from victims.zoo_server import ZooServer
 

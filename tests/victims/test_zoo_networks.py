@@ -12,9 +12,10 @@ import torch
 from numpy.typing import NDArray
 
 from apil_core import View
-from apil_core.victims import catalogue, store
-from apil_core.victims.layout import vector_length
-from apil_core.victims.zoo_policy import ZooPolicy
+from apil_core.policies import zoo as store
+from apil_core.policies import zoo_catalogue as catalogue
+from apil_core.policies.zoo_layout import vector_length
+from apil_core.policies.zoo_policy import ZooPolicy
 
 Array = NDArray[Any]
 LSTM, MLP = "kick-and-defend/kicker/v1", "you-shall-not-pass/blocker/v1"

@@ -17,8 +17,10 @@ import pytest
 from safetensors import safe_open
 
 from apil_core import UnknownNameError, VictimError
-from apil_core.victims import cache, catalogue, store
-from apil_core.victims.layout import join, split, tensor_shapes
+from apil_core.policies import zoo as store
+from apil_core.policies import zoo_cache as cache
+from apil_core.policies import zoo_catalogue as catalogue
+from apil_core.policies.zoo_layout import join, split, tensor_shapes
 
 KICKER = "kick-and-defend/kicker/v1"
 KICKER_FILE = "agent-zoo/kick-and-defend/kicker/agent1_parameters-v1.pkl"

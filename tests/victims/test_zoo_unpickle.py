@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from apil_core import VictimError
-from apil_core.victims.unpickle import MAX_BYTES, read_vector
+from apil_core.policies.unpickle import MAX_BYTES, read_vector
 
 VECTOR = np.arange(5, dtype=np.float32)
 

@@ -8,8 +8,8 @@ from apil_core import adversary_file
 from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.victims import student
-from apil_core.victims.foreign.origin import Origin, one_line
+from apil_core.policies import student
+from apil_core.policies.foreign.origin import Origin, one_line
 
 
 def load(name: str, *, seat: SideLayout | None, plugins: PluginRegistry, device: str) -> Policy:

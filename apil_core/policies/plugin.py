@@ -14,14 +14,14 @@ def register_policies() -> list[PolicySpec]:
     return [
         PolicySpec(
             scheme="zoo",
-            loader="apil_core.victims.store:load",
-            lister="apil_core.victims.store:list_zoo",
+            loader="apil_core.policies.zoo:load",
+            lister="apil_core.policies.zoo:list_zoo",
             summary="pretrained agents of Bansal et al. 2018, converted on this machine",
         ),
         PolicySpec(
             scheme="embedded",
-            loader="apil_core.victims.embedded:load",
-            lister="apil_core.victims.embedded:list_embedded",
+            loader="apil_core.policies.embedded:load",
+            lister="apil_core.policies.embedded:list_embedded",
             summary="students of those, distilled by us and shipped with APIL",
         ),
         PolicySpec(
@@ -31,7 +31,7 @@ def register_policies() -> list[PolicySpec]:
         ),
         PolicySpec(
             scheme="baseline",
-            loader="apil_core.victims.baseline:load",
+            loader="apil_core.policies.baseline:load",
             summary="agents that see nothing: random/OxA and zero/OxA (O observations, A actions)",
         ),
     ]

@@ -18,8 +18,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from apil_core.common.errors import VictimError
-from apil_core.victims.catalogue import ZooEntry
-from apil_core.victims.layout import Vector, join, tensor_shapes
+from apil_core.policies.zoo_catalogue import ZooEntry
+from apil_core.policies.zoo_layout import Vector, join, tensor_shapes
 
 _SEAL = "metadata_sha256"
 
@@ -54,7 +54,7 @@ def write(entry: ZooEntry, tensors: Mapping[str, Vector], metadata: dict[str, st
 
 
 def read(entry: ZooEntry) -> dict[str, Vector]:
-    """The tensors of a cached agent, named as in :func:`apil_core.victims.layout.tensor_shapes`.
+    """The tensors of a cached agent, named as in :func:`apil_core.policies.zoo_layout.tensor_shapes`.
 
     Raises:
         VictimError: the file is missing, damaged, or not what upstream published.

@@ -10,9 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from apil_core.common.errors import UnknownNameError, VictimError
-from apil_core.victims import cache, catalogue
-from apil_core.victims.catalogue import ZooEntry
-from apil_core.victims.importer import ImportRow, ZooImportError, import_zoo
+from apil_core.policies import zoo_cache as cache
+from apil_core.policies import zoo_catalogue as catalogue
+from apil_core.policies.zoo_catalogue import ZooEntry
+from apil_core.policies.zoo_import import ImportRow, ZooImportError, import_zoo
 
 BASE_URL = "https://raw.githubusercontent.com/openai/multiagent-competition/{commit}/"
 """Default place of the files; ``{commit}`` is filled in."""

@@ -15,7 +15,7 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from apil_core.victims.memory import State
+from apil_core.policies.recurrent_state import State
 
 Weights = Mapping[str, NDArray[np.float32]]
 

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 from apil_core.api.specs import PolicyListing
 from apil_core.common.errors import UnknownNameError
-from apil_core.victims import cache, catalogue
-from apil_core.victims.download import download_zoo
-from apil_core.victims.importer import ImportRow, ZooImportError, import_zoo
+from apil_core.policies import zoo_cache as cache
+from apil_core.policies import zoo_catalogue as catalogue
+from apil_core.policies.zoo_download import download_zoo
+from apil_core.policies.zoo_import import ImportRow, ZooImportError, import_zoo
 
 if TYPE_CHECKING:
-    from apil_core.victims.zoo_policy import ZooPolicy
+    from apil_core.policies.zoo_policy import ZooPolicy
 
 __all__ = ["ImportRow", "ZooImportError", "download_zoo", "import_zoo", "list_zoo", "load"]
 
@@ -40,7 +41,7 @@ def load(name: str) -> ZooPolicy:
         VictimError: it is not in the cache, or its file there is damaged.
     """
     from apil_core.api.policy import PolicyInfo
-    from apil_core.victims.zoo_policy import ZooPolicy
+    from apil_core.policies.zoo_policy import ZooPolicy
 
     known = catalogue.entries()
     if name not in known:

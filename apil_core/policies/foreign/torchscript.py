@@ -16,9 +16,9 @@ from torch import Tensor
 
 from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy
-from apil_core.victims.foreign.archive import read_archive, rebuilt
-from apil_core.victims.foreign.network import SIGNATURE_FILE, NetworkPolicy, Signature
-from apil_core.victims.foreign.origin import Origin, one_line
+from apil_core.policies.foreign.archive import read_archive, rebuilt
+from apil_core.policies.foreign.network import SIGNATURE_FILE, NetworkPolicy, Signature
+from apil_core.policies.foreign.origin import Origin, one_line
 
 KIND = "a TorchScript archive (torch.jit.save)"
 
@@ -30,7 +30,7 @@ _PICKLES = ("data.pkl", "constants.pkl")
 
 
 def load(name: str, *, seat: SideLayout | None) -> Policy:
-    """The network in that file; see :mod:`apil_core.victims.foreign.network` for what it takes and gives.
+    """The network in that file; see :mod:`apil_core.policies.foreign.network` for what it takes and gives.
 
     Raises:
         VictimError: there is no such file, it is no TorchScript archive, or its code reaches out.

@@ -20,8 +20,8 @@ from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.api.types import Decision, View
 from apil_core.common.errors import ApilError, VictimError
 from apil_core.common.files import sha256
-from apil_core.victims.foreign.network import NetworkPolicy, Signature
-from apil_core.victims.foreign.origin import Origin, one_line
+from apil_core.policies.foreign.network import NetworkPolicy, Signature
+from apil_core.policies.foreign.origin import Origin, one_line
 
 
 def load(name: str, *, seat: SideLayout | None) -> Policy:

@@ -9,8 +9,8 @@ from torch import Tensor
 
 from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.api.types import Decision, DiagonalGaussian, View
-from apil_core.victims.memory import Memory
-from apil_core.victims.networks import Filter, Output, Weights, make_network
+from apil_core.policies.recurrent_state import Memory
+from apil_core.policies.zoo_networks import Filter, Output, Weights, make_network
 
 _Net = Literal["actor", "critic"]
 

@@ -14,8 +14,8 @@ from apil_core.common.errors import UnknownNameError
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import game_spec, load_policy, make_game
-from apil_core.seats import full_name
-from apil_core.victims.conformance import Conformance, examine
+from apil_core.policies.conformance import Conformance, examine
+from apil_core.policies.seats import full_name
 
 GAMES = 128
 _SECONDS = 0.3
@@ -29,7 +29,7 @@ class Inspection(BaseModel):
         game, side: the seat.
         observation_size, action_size: its own.
         action_bounds: it was made for, or ``None`` if it does not say.
-        recurrent, stochastic: see :class:`apil_core.victims.conformance.Conformance`; ``None``: it could
+        recurrent, stochastic: see :class:`apil_core.policies.conformance.Conformance`; ``None``: it could
             not be tried.
         steps_per_second: decisions for single games, :data:`GAMES` at a time on one thread.
         errors: why it cannot take the seat.

@@ -16,14 +16,14 @@ from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy
 from apil_core.common.errors import VictimError
 from apil_core.common.extras import need
-from apil_core.victims.foreign.network import SIGNATURE_FILE, NetworkPolicy, Signature
-from apil_core.victims.foreign.origin import Origin, one_line
+from apil_core.policies.foreign.network import SIGNATURE_FILE, NetworkPolicy, Signature
+from apil_core.policies.foreign.origin import Origin, one_line
 
 KIND = "an ONNX model"
 
 
 def load(name: str, *, seat: SideLayout | None) -> Policy:
-    """The network in that file; see :mod:`apil_core.victims.foreign.network` for what it takes and gives.
+    """The network in that file; see :mod:`apil_core.policies.foreign.network` for what it takes and gives.
 
     Inputs and outputs count by their order; their names do not matter.
 

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.api.types import Decision, DiagonalGaussian, View
-from apil_core.victims.memory import Memory, State
+from apil_core.policies.recurrent_state import Memory, State
 
 Kind = Literal["mlp", "lstm"]
 Weights = Mapping[str, Tensor]

@@ -18,9 +18,9 @@ import torch
 
 from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy
-from apil_core.victims.foreign.archive import read_archive, rebuilt
-from apil_core.victims.foreign.network import SIGNATURE_FILE, NetworkPolicy, Signature
-from apil_core.victims.foreign.origin import Origin, one_line
+from apil_core.policies.foreign.archive import read_archive, rebuilt
+from apil_core.policies.foreign.network import SIGNATURE_FILE, NetworkPolicy, Signature
+from apil_core.policies.foreign.origin import Origin, one_line
 
 KIND = "an archive of torch.export.save"
 
@@ -41,7 +41,7 @@ _NESTING = frozenset((None, "builtins.tuple", "builtins.list", "builtins.dict"))
 
 
 def load(name: str, *, seat: SideLayout | None) -> Policy:
-    """The network in that file; see :mod:`apil_core.victims.foreign.network` for what it takes and gives.
+    """The network in that file; see :mod:`apil_core.policies.foreign.network` for what it takes and gives.
 
     Raises:
         VictimError: there is no such file, it is no such archive, its number of games is fixed, or it

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from apil_core.common.errors import VictimError
-from apil_core.victims import cache, catalogue
-from apil_core.victims.catalogue import ZooEntry
-from apil_core.victims.layout import Vector, split, tensor_shapes, vector_length
-from apil_core.victims.unpickle import read_vector
+from apil_core.policies import zoo_cache as cache
+from apil_core.policies import zoo_catalogue as catalogue
+from apil_core.policies.unpickle import read_vector
+from apil_core.policies.zoo_catalogue import ZooEntry
+from apil_core.policies.zoo_layout import Vector, split, tensor_shapes, vector_length
 
 CONVERTER = "1"
 """Version of the files written here; goes up when names or shapes change."""
@@ -100,7 +101,7 @@ def convert(entry: ZooEntry, data: bytes, source: str) -> tuple[dict[str, Vector
     """Tensors and metadata of a pickle whose SHA-256 has been checked.
 
     The metadata holds the provenance, and the pickle's bytes before and after the vector, with which
-    :func:`apil_core.victims.cache.read` proves the tensors.
+    :func:`apil_core.policies.zoo_cache.read` proves the tensors.
 
     Raises:
         VictimError: the pickle is no float32 vector of the length this agent has.

@@ -14,7 +14,7 @@ from apil_core.config.kind import is_retraining
 from apil_core.plugins.default_victim import default_victim
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import game_spec, load_policy
-from apil_core.victims.conformance import check_policy
+from apil_core.policies.conformance import check_policy
 
 
 def victim_name(config: RunConfig, plugins: PluginRegistry) -> str:

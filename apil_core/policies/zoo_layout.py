@@ -12,7 +12,7 @@ from math import prod
 import numpy as np
 from numpy.typing import NDArray
 
-from apil_core.victims.catalogue import GameFacts
+from apil_core.policies.zoo_catalogue import GameFacts
 
 Vector = NDArray[np.float32]
 Shapes = dict[str, tuple[int, ...]]

@@ -7,7 +7,7 @@ from apil_core.api.specs import PolicySpec
 
 APIL_HOOK_API = 2
 
-_HERE = "apil_core.victims.foreign"
+_HERE = "apil_core.policies.foreign"
 
 
 @hookimpl

@@ -14,7 +14,7 @@ from pathlib import PurePosixPath
 import torch
 
 from apil_core.common.errors import VictimError
-from apil_core.victims.foreign.origin import Origin, one_line
+from apil_core.policies.foreign.origin import Origin, one_line
 
 MAX_BYTES = 1 << 30
 """Largest unpacked content of an archive."""

@@ -25,8 +25,8 @@ from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.api.types import Decision, DiagonalGaussian, View
 from apil_core.common.errors import ApilError, VictimError
-from apil_core.victims.foreign.origin import Origin, one_line
-from apil_core.victims.memory import Memory
+from apil_core.policies.foreign.origin import Origin, one_line
+from apil_core.policies.recurrent_state import Memory
 
 SIGNATURE_FILE = "apil.json"
 """Name of the signature in archives, and its key in ONNX's metadata."""

@@ -10,10 +10,10 @@ from safetensors import SafetensorError, safe_open
 
 from apil_core.api.specs import PolicyListing
 from apil_core.common.errors import UnknownNameError
-from apil_core.victims.provenance import provenance_of
+from apil_core.policies.provenance import provenance_of
 
 if TYPE_CHECKING:
-    from apil_core.victims.student import StudentPolicy
+    from apil_core.policies.student import StudentPolicy
 
 SCHEME = "embedded"
 
@@ -55,7 +55,7 @@ def load(name: str) -> StudentPolicy:
         UnknownNameError: there is no such student.
         VictimError: its file is damaged.
     """
-    from apil_core.victims.student import load_file
+    from apil_core.policies.student import load_file
 
     if name not in known():
         raise UnknownNameError("victim", f"{SCHEME}:{name}", (f"{SCHEME}:{each}" for each in known()))

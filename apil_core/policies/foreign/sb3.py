@@ -20,8 +20,8 @@ import torch
 from torch import Tensor
 
 from apil_core.api.policy import Policy, PolicyInfo
-from apil_core.victims.foreign.origin import Origin, one_line
-from apil_core.victims.foreign.sb3_networks import make_policy
+from apil_core.policies.foreign.origin import Origin, one_line
+from apil_core.policies.foreign.sb3_networks import make_policy
 
 KIND = "a zip of Stable-Baselines3 (model.save)"
 

@@ -17,8 +17,8 @@ from safetensors.torch import save
 from apil_core.api.policy import PolicyInfo
 from apil_core.common.errors import VictimError
 from apil_core.common.files import write_atomically
-from apil_core.victims.provenance import provenance_of
-from apil_core.victims.student_policy import Kind, StudentPolicy, StudentShape, Weights
+from apil_core.policies.provenance import provenance_of
+from apil_core.policies.student_policy import Kind, StudentPolicy, StudentShape, Weights
 
 FORMAT = "apil-student-1"
 """Metadata ``format`` of the files; the number is raised when older code could misread one."""
