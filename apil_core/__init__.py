@@ -35,7 +35,7 @@ _HOMES = {
     ),
     "apil_core.api.game": ("NO_WINNER", "Colour", "Game", "GameLayout", "GameStep", "SideLayout", "Window"),
     "apil_core.api.stopwatch": ("PhysicsStopwatch",),
-    "apil_core.views": ("OpponentInsideEnv", "ParallelGameEnv"),
+    "apil_core.games.views": ("OpponentInsideEnv", "ParallelGameEnv"),
     "apil_core.common.torch_threads": ("side_by_side",),
     "apil_core.api.types": ("Context", "Decision", "DiagonalGaussian", "Rollout", "StepBatch", "View"),
     "apil_core.api.policy": ("Policy", "PolicyInfo"),
@@ -58,8 +58,8 @@ _HOMES = {
     "apil_core.runner": ("RunResult", "resume", "run"),
     "apil_core.plugins.registry": ("load_policy", "make_game"),
     "apil_core.policies.conformance": ("Conformance", "check_policy"),
-    "apil_core.pettingzoo_game.options": ("PettingZooOptions",),
-    "apil_core.pettingzoo_game.plugin": ("pettingzoo_spec",),
+    "apil_core.games.pettingzoo.options": ("PettingZooOptions",),
+    "apil_core.games.pettingzoo.plugin": ("pettingzoo_spec",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -129,13 +129,15 @@ if TYPE_CHECKING:
     from apil_core.common.errors import VictimError as VictimError
     from apil_core.common.torch_threads import side_by_side as side_by_side
     from apil_core.evaluator import evaluate as evaluate
+    from apil_core.games.pettingzoo.options import PettingZooOptions as PettingZooOptions
+    from apil_core.games.pettingzoo.plugin import pettingzoo_spec as pettingzoo_spec
+    from apil_core.games.views import OpponentInsideEnv as OpponentInsideEnv
+    from apil_core.games.views import ParallelGameEnv as ParallelGameEnv
     from apil_core.networks import GaussianActor as GaussianActor
     from apil_core.networks import mlp as mlp
     from apil_core.normalize import ObservationNormalizer as ObservationNormalizer
     from apil_core.normalize import ReturnNormalizer as ReturnNormalizer
     from apil_core.normalize import RunningMoments as RunningMoments
-    from apil_core.pettingzoo_game.options import PettingZooOptions as PettingZooOptions
-    from apil_core.pettingzoo_game.plugin import pettingzoo_spec as pettingzoo_spec
     from apil_core.plugins.registry import load_policy as load_policy
     from apil_core.plugins.registry import make_game as make_game
     from apil_core.policies.conformance import Conformance as Conformance
@@ -146,5 +148,3 @@ if TYPE_CHECKING:
     from apil_core.runner import RunResult as RunResult
     from apil_core.runner import resume as resume
     from apil_core.runner import run as run
-    from apil_core.views import OpponentInsideEnv as OpponentInsideEnv
-    from apil_core.views import ParallelGameEnv as ParallelGameEnv

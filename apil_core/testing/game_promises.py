@@ -192,8 +192,8 @@ def views(trial: Trial) -> None:
     from gymnasium.utils.env_checker import check_env
     from pettingzoo.test import parallel_api_test, parallel_seed_test
 
+    from apil_core.games.views import OpponentInsideEnv, ParallelGameEnv
     from apil_core.policies.baseline import load
-    from apil_core.views import OpponentInsideEnv, ParallelGameEnv
 
     def fresh() -> ParallelGameEnv:
         return ParallelGameEnv(trial.make(1, 1))

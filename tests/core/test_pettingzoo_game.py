@@ -22,7 +22,7 @@ from apil_core import (
     PluginError,
     make_game,
 )
-from apil_core.pettingzoo_game.spaces import Scaled, Scores
+from apil_core.games.pettingzoo.spaces import Scaled, Scores
 from apil_core.testing.game_play import Play, Trial, same
 from apil_core.testing.game_promises import PROMISES
 from core.odd_envs import Race, Scripted

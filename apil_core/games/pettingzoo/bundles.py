@@ -11,9 +11,9 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
 from apil_core.api.game import Array
 from apil_core.common.errors import PluginError
-from apil_core.pettingzoo_game.bundle import make_bundle
-from apil_core.pettingzoo_game.maker import Maker, one_line
-from apil_core.pettingzoo_game.spaces import Seat
+from apil_core.games.pettingzoo.bundle import make_bundle
+from apil_core.games.pettingzoo.maker import Maker, one_line
+from apil_core.games.pettingzoo.spaces import Seat
 
 
 class Bundles:

@@ -7,7 +7,7 @@ from pettingzoo import ParallelEnv
 
 from apil_core.api.game import Array
 from apil_core.common.errors import ConfigError
-from apil_core.pettingzoo_game.spaces import Seat
+from apil_core.games.pettingzoo.spaces import Seat
 
 STEPS = 10
 

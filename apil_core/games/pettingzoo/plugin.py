@@ -12,10 +12,10 @@ APIL_HOOK_API = 2
 
 _FAMILY = GameSpec(
     name="pettingzoo",
-    factory="apil_core.pettingzoo_game.game:PettingZooGame",
+    factory="apil_core.games.pettingzoo.game:PettingZooGame",
     summary="any PettingZoo ParallelEnv of two agents: pettingzoo:MODULE:CALLABLE",
     sides=("first agent", "second agent"),
-    config="apil_core.pettingzoo_game.options:PettingZooOptions",
+    config="apil_core.games.pettingzoo.options:PettingZooOptions",
     family=True,
 )
 

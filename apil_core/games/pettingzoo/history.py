@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from apil_core.api.game import Array
-from apil_core.pettingzoo_game.spaces import Actions
+from apil_core.games.pettingzoo.spaces import Actions
 
 
 class History:

@@ -19,8 +19,8 @@ from gymnasium.spaces import Box, Dict, MultiBinary, Space
 from pettingzoo import ParallelEnv
 
 from apil_core.api.game import NO_WINNER, Array
-from apil_core.pettingzoo_game.maker import Maker, one_line, prints_to_stderr
-from apil_core.pettingzoo_game.spaces import Seat
+from apil_core.games.pettingzoo.maker import Maker, one_line, prints_to_stderr
+from apil_core.games.pettingzoo.spaces import Seat
 
 CAUSES = ("terminated", "truncated", "time-up", "diverged")
 TERMINATED, TRUNCATED, TIME_UP, DIVERGED = range(4)

@@ -9,14 +9,14 @@ import numpy as np
 
 from apil_core.api.game import NO_WINNER, Array, Colour, Game, GameLayout, GameStep
 from apil_core.common.errors import ApilError, ConfigError, PluginError
-from apil_core.pettingzoo_game.bundle import CAUSES, DIVERGED, GOES_ON, TIME_UP, UNSAID
-from apil_core.pettingzoo_game.bundles import Bundles
-from apil_core.pettingzoo_game.history import History
-from apil_core.pettingzoo_game.maker import Maker, one_line, prints_to_stderr
-from apil_core.pettingzoo_game.options import PettingZooOptions
-from apil_core.pettingzoo_game.picture import fitted
-from apil_core.pettingzoo_game.repeatable import check_repeatable
-from apil_core.pettingzoo_game.spaces import Seat
+from apil_core.games.pettingzoo.bundle import CAUSES, DIVERGED, GOES_ON, TIME_UP, UNSAID
+from apil_core.games.pettingzoo.bundles import Bundles
+from apil_core.games.pettingzoo.history import History
+from apil_core.games.pettingzoo.maker import Maker, one_line, prints_to_stderr
+from apil_core.games.pettingzoo.options import PettingZooOptions
+from apil_core.games.pettingzoo.picture import fitted
+from apil_core.games.pettingzoo.repeatable import check_repeatable
+from apil_core.games.pettingzoo.spaces import Seat
 
 PRIZE = 1000.0
 """Sparse reward of the winner; the loser gets minus that, a tie nothing."""

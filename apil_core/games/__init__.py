@@ -1,0 +1,1 @@
+"""Games as other libraries see them, and games of other libraries."""
