@@ -40,9 +40,9 @@ _HOMES = {
     "apil_core.api.types": ("Context", "Decision", "DiagonalGaussian", "Rollout", "StepBatch", "View"),
     "apil_core.api.policy": ("Policy", "PolicyInfo"),
     "apil_core.api.method": ("Method", "MethodSetup", "Observer", "Run", "RunPlugin"),
-    "apil_core.networks": ("GaussianActor", "mlp"),
-    "apil_core.normalize": ("ObservationNormalizer", "ReturnNormalizer", "RunningMoments"),
-    "apil_core.returns": ("gae", "normalize_advantages"),
+    "apil_core.training.networks": ("GaussianActor", "mlp"),
+    "apil_core.training.normalize": ("ObservationNormalizer", "ReturnNormalizer", "RunningMoments"),
+    "apil_core.training.returns": ("gae", "normalize_advantages"),
     "apil_core.api.config": (
         "CheckpointConfig",
         "EvaluationConfig",
@@ -133,18 +133,18 @@ if TYPE_CHECKING:
     from apil_core.games.pettingzoo.plugin import pettingzoo_spec as pettingzoo_spec
     from apil_core.games.views import OpponentInsideEnv as OpponentInsideEnv
     from apil_core.games.views import ParallelGameEnv as ParallelGameEnv
-    from apil_core.networks import GaussianActor as GaussianActor
-    from apil_core.networks import mlp as mlp
-    from apil_core.normalize import ObservationNormalizer as ObservationNormalizer
-    from apil_core.normalize import ReturnNormalizer as ReturnNormalizer
-    from apil_core.normalize import RunningMoments as RunningMoments
     from apil_core.plugins.registry import load_policy as load_policy
     from apil_core.plugins.registry import make_game as make_game
     from apil_core.policies.conformance import Conformance as Conformance
     from apil_core.policies.conformance import check_policy as check_policy
     from apil_core.results import EvaluationResult as EvaluationResult
-    from apil_core.returns import gae as gae
-    from apil_core.returns import normalize_advantages as normalize_advantages
     from apil_core.runner import RunResult as RunResult
     from apil_core.runner import resume as resume
     from apil_core.runner import run as run
+    from apil_core.training.networks import GaussianActor as GaussianActor
+    from apil_core.training.networks import mlp as mlp
+    from apil_core.training.normalize import ObservationNormalizer as ObservationNormalizer
+    from apil_core.training.normalize import ReturnNormalizer as ReturnNormalizer
+    from apil_core.training.normalize import RunningMoments as RunningMoments
+    from apil_core.training.returns import gae as gae
+    from apil_core.training.returns import normalize_advantages as normalize_advantages

@@ -14,7 +14,7 @@ from apil_core.crossplay_document import Player
 from apil_core.pairing import Pairing, circumstances, load_pairing
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.results import Circumstances, PolicyId, in_words
-from apil_core.trained import Source, run_path
+from apil_core.training.export.run_policy import Source, run_path
 
 Names = Mapping[str, Path | str]
 """Players by label."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from apil_core.api.profiles import FAITHFUL
 from apil_core.curve_groups import CurveGroup
-from apil_core.episodes import WINDOW
+from apil_core.training.episode_stats import WINDOW
 
 
 @dataclass(frozen=True)

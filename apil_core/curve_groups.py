@@ -10,8 +10,8 @@ from pydantic import BaseModel
 
 from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.curves import Curve, Line, read_curve
-from apil_core.rundir import RunDir
 from apil_core.same_attack import seed_groups
+from apil_core.training.storage.run_dir import RunDir
 
 
 class CurveGroup(BaseModel):

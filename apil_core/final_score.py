@@ -7,7 +7,7 @@ from typing import Any
 
 from apil_core.common.errors import RunDirError
 from apil_core.results import EvaluationResult
-from apil_core.rundir import RunDir
+from apil_core.training.storage.run_dir import RunDir
 
 
 def final_score(run: RunDir) -> EvaluationResult | None:

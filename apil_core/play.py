@@ -13,7 +13,7 @@ from torch import Tensor
 from apil_core.api.game import Game
 from apil_core.api.policy import Policy
 from apil_core.api.types import View
-from apil_core.observation_filter import ObservationFilter
+from apil_core.training.observation_filter import ObservationFilter
 
 if TYPE_CHECKING:
     pass

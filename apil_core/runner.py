@@ -10,27 +10,27 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from apil_core import checkpoint
 from apil_core.api.config import RunConfig
 from apil_core.api.specs import load
-from apil_core.build import build
-from apil_core.checkpoint_fit import check_same_run, check_same_world, fitting
 from apil_core.common.errors import ConfigError, RunDirError, UnknownNameError
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.config.absent import completed
 from apil_core.config.layers import POLICY_NAME
 from apil_core.config.resolve import complete
-from apil_core.distributed.join import joined
-from apil_core.distributed.world import World
-from apil_core.log_rows import iterations_in_rows
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import default_plugins
 from apil_core.progress import Progress
-from apil_core.recorders import truncate_metrics
-from apil_core.rundir import RunDir, part_of_rank
 from apil_core.session import RunResult as RunResult
 from apil_core.session import Session
-from apil_core.trainer import Trainer
+from apil_core.training.build import build
+from apil_core.training.distributed.join import joined
+from apil_core.training.distributed.world import World
+from apil_core.training.storage import checkpoint
+from apil_core.training.storage.checkpoint_fit import check_same_run, check_same_world, fitting
+from apil_core.training.storage.metrics_log import iterations_in_rows
+from apil_core.training.storage.recorders import truncate_metrics
+from apil_core.training.storage.run_dir import RunDir, part_of_rank
+from apil_core.training.trainer import Trainer
 from apil_core.warm_start import load_teacher
 
 _SHAPE = ("hidden", "action_unit", "critic_observes")

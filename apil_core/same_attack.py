@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from apil_core.config.game import stored_game
-from apil_core.rundir import RunDir
+from apil_core.training.storage.run_dir import RunDir
 
 _FREE: Any = {
     **dict.fromkeys(("seed", "threads", "device", "checkpoint", "recorders", "log_rows", "trust"), True),

@@ -9,7 +9,6 @@ from typing import Any, Literal
 
 from pydantic import BaseModel
 
-from apil_core import checkpoint
 from apil_core.api.method import RunPlugin
 from apil_core.api.policy import Policy
 from apil_core.best import EvaluationHistory
@@ -18,17 +17,18 @@ from apil_core.common.files import sha256
 from apil_core.common.machine import resident_mb
 from apil_core.common.seeds import stream_seed
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.distributed.join import in_contact
-from apil_core.log_rows import Row, RowLog, iterations_per_row, open_recorders
-from apil_core.plugin_state import states_of
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.policies.seats import victim_name
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult
-from apil_core.rundir import RunDir, part_of_rank
 from apil_core.stop_signal import Stopped, StopWish
-from apil_core.trainer import Trainer
 from apil_core.trainer_score import score_in_training
+from apil_core.training.distributed.join import in_contact
+from apil_core.training.plugin_state import states_of
+from apil_core.training.storage import checkpoint
+from apil_core.training.storage.metrics_log import Row, RowLog, iterations_per_row, open_recorders
+from apil_core.training.storage.run_dir import RunDir, part_of_rank
+from apil_core.training.trainer import Trainer
 from apil_core.warm_start import beside_teacher, warm_start
 
 

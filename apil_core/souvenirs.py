@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from apil_core.common.errors import ApilError
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult
-from apil_core.rundir import RunDir
+from apil_core.training.storage.run_dir import RunDir
 
 Made = TypeVar("Made")
 

@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from pydantic import BaseModel
 
-from apil_core.adversary import AdversaryPolicy
 from apil_core.api.game import GameStep
 from apil_core.common.seeds import stream_seed
 from apil_core.pairing import Pairing
+from apil_core.training.adversary import AdversaryPolicy
 
 Outcome = Literal["win", "tie", "loss"]
 """From the adversary's side, as in every score."""

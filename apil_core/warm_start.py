@@ -24,7 +24,7 @@ from apil_core.progress import Progress
 from apil_core.results import EvaluationResult
 
 if TYPE_CHECKING:
-    from apil_core.trainer import Trainer
+    from apil_core.training.trainer import Trainer
 from apil_core.trainer_score import score_in_training
 
 CLONING_SHARE = 0.6

@@ -23,7 +23,7 @@ from typing import Any
 
 from apil_core.bench.folder import BenchDir
 from apil_core.common.errors import ApilError, RunDirError
-from apil_core.recorders import read_metrics
+from apil_core.training.storage.recorders import read_metrics
 
 TIMINGS = {"wall_seconds", "steps_per_second", "collect_seconds", "update_seconds", "memory_mb"}
 """Metrics in which two runs of the same thing differ."""
@@ -122,7 +122,7 @@ def _learnt(bench: BenchDir, name: str) -> dict[str, Any]:
 
 def _weights(run: Any) -> dict[str, Any]:
     """All numbers of the last checkpoint, times aside, in a form that can be compared."""
-    from apil_core import checkpoint
+    from apil_core.training.storage import checkpoint
 
     if not run.checkpoints():
         raise RunDirError(f"{run.path} has no checkpoint")

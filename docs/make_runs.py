@@ -14,8 +14,8 @@ from typing import Any
 from apil_core.bench.folder import read_score
 from apil_core.curve_groups import read_groups
 from apil_core.curve_picture import draw_curves
-from apil_core.recorders import read_metrics
-from apil_core.rundir import RunDir
+from apil_core.training.storage.recorders import read_metrics
+from apil_core.training.storage.run_dir import RunDir
 
 
 def read(run: RunDir) -> tuple[list[dict[str, float]], dict[str, Any]]:

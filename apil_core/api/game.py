@@ -1,7 +1,7 @@
 """The contract of a game: ``num_envs`` two-player games stepped together, in numpy.
 
 The rules exist once, here in batched form; :mod:`apil_core.games.views` shows the same object as a
-PettingZoo ``ParallelEnv`` and as a Gymnasium ``Env``, :mod:`apil_core.game_env` as the trainer's
+PettingZoo ``ParallelEnv`` and as a Gymnasium ``Env``, :mod:`apil_core.training.attack_env` as the trainer's
 ``VecEnv``. Nothing in this file knows torch.
 """
 

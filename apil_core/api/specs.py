@@ -207,7 +207,7 @@ class RecorderSpec:
     Attributes:
         name: what the key ``recorders`` takes.
         factory: ``"module:callable"``; called with the run directory, returns an object with
-            ``record(metrics)`` and ``close()``, see :class:`apil_core.log_rows.Recorder`.
+            ``record(metrics)`` and ``close()``, see :class:`apil_core.training.storage.metrics_log.Recorder`.
         summary: one line.
         check: ``"module:callable"`` or empty; called before anything is built, raises
             :class:`apil_core.ApilError` if the recorder cannot work here.

@@ -114,9 +114,9 @@ def _left(ledger: Ledger, cell: Cell) -> int:
 
 def _measure(config: RunConfig, benchmark: Benchmark, threads: int) -> float:
     """Steps per second of the second iteration of a shortened run; the first one warms up."""
-    from apil_core.build import build
     from apil_core.common.torch_threads import one_torch_thread
-    from apil_core.trainer import Trainer
+    from apil_core.training.build import build
+    from apil_core.training.trainer import Trainer
 
     steps = min(_STEPS, config.ppo.num_steps)
     ppo = config.ppo.model_copy(update={"num_steps": steps})

@@ -14,7 +14,7 @@ from filelock import FileLock, Timeout
 from apil_core.bench.matrix import Matrix, load_matrix
 from apil_core.common.errors import RunDirError
 from apil_core.common.files import write_atomically
-from apil_core.rundir import RunDir
+from apil_core.training.storage.run_dir import RunDir
 
 if TYPE_CHECKING:
     from apil_core.activations.models import ActivationMap

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from apil_core.bench.cells import Benchmark, Cell
 from apil_core.bench.folder import BenchDir, read_score
 from apil_core.bench.matrix import ScoreConfig
-from apil_core.rundir import RunDir
+from apil_core.training.storage.run_dir import RunDir
 
 if TYPE_CHECKING:
     from apil_core.crossplay_document import CrossPlay

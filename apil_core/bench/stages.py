@@ -9,7 +9,7 @@ from apil_core.bench.cells import Cell
 from apil_core.common.errors import ConfigError
 from apil_core.config.game import without_physics
 from apil_core.progress import Progress
-from apil_core.rundir import RunDir
+from apil_core.training.storage.run_dir import RunDir
 
 if TYPE_CHECKING:
     from apil_core.api.profiles import Profile

@@ -29,7 +29,7 @@ from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.config.game import without_physics
 from apil_core.config.resolve import differences
 from apil_core.progress import Progress
-from apil_core.rundir import RunDir
+from apil_core.training.storage.run_dir import RunDir
 
 Outcome = Literal["done", "interrupted", "failed"]
 

@@ -16,7 +16,7 @@ from apil_core.bench.jobs import CELL, RETRAINING, Job, Ledger
 from apil_core.bench.schedule import Course, State, Watch, jobs_done
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.readout import duration, outcomes
-from apil_core.rundir import RunDir
+from apil_core.training.storage.run_dir import RunDir
 
 if TYPE_CHECKING:
     from apil_core.bench.cells import Benchmark, Cell

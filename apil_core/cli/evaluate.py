@@ -99,7 +99,7 @@ def _keeping(adversary: str, name: str) -> Path:
     from apil_core.bench.folder import score_path
     from apil_core.bench.matrix import PLAIN, check_name
     from apil_core.common.files import check_place
-    from apil_core.trained import Source, run_path
+    from apil_core.training.export.run_policy import Source, run_path
 
     try:
         check_name(name, f"--keep {name}")

@@ -12,7 +12,7 @@ from apil_core.cli.flags import Json, Plugins
 from apil_core.cli.output import console, print_json
 
 if TYPE_CHECKING:
-    from apil_core.export import Exported
+    from apil_core.training.export.export import Exported
 
 
 def export(
@@ -37,7 +37,7 @@ def export(
 
     The file is loaded again and must act as the run does, on observations of real games.
     """
-    from apil_core.export import export as write
+    from apil_core.training.export.export import export as write
 
     files = tuple(str(path) for path in plugin or ())
     result = write(run, format, out, checkpoint_path=checkpoint, plugin_files=files, force=force)

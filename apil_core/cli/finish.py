@@ -6,7 +6,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from apil_core.cli.guard import INTERRUPTED, complain
-from apil_core.distributed.world import World
+from apil_core.training.distributed.world import World
 
 if TYPE_CHECKING:
     from apil_core.progress import Progress
@@ -34,7 +34,7 @@ def print_end(result: RunResult) -> None:
     from apil_core.cli.output import console
     from apil_core.cli.readout import imitator
     from apil_core.cli.scores import print_score
-    from apil_core.rundir import RunDir
+    from apil_core.training.storage.run_dir import RunDir
 
     if result.evaluation is not None:
         print_score(result.evaluation)
@@ -50,8 +50,8 @@ def print_end(result: RunResult) -> None:
 
 def _souvenirs(result: RunResult, progress: Progress, *, silent: bool) -> dict[str, Any]:
     from apil_core.cli.output import console
-    from apil_core.rundir import RunDir
     from apil_core.souvenirs import make_souvenirs
+    from apil_core.training.storage.run_dir import RunDir
 
     progress.note("playing games to compare with, drawing the learning curve, looking for a won game to film")
     made = make_souvenirs(RunDir(result.run_dir), progress)

@@ -10,7 +10,7 @@ import traceback
 from typing import TYPE_CHECKING
 
 from apil_core.common.errors import ApilError, ConfigError
-from apil_core.distributed.world import World
+from apil_core.training.distributed.world import World
 
 if TYPE_CHECKING:
     from cyclopts import CycloptsError

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from apil_core.distributed.world import World
 from apil_core.progress import Progress
+from apil_core.training.distributed.world import World
 
 if TYPE_CHECKING:
     from apil_core.api.config import RunConfig

@@ -41,7 +41,7 @@ def plot(
     """
     from apil_core.curve_groups import read_groups
     from apil_core.curve_picture import check_picture, draw_curves
-    from apil_core.rundir import RunDir
+    from apil_core.training.storage.run_dir import RunDir
 
     check_picture(out)
     if out.exists() and not force:

@@ -14,7 +14,7 @@ from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
 from apil_core.common.errors import RunDirError
 from apil_core.config.kind import is_retraining
-from apil_core.distributed.world import World
+from apil_core.training.distributed.world import World
 
 
 def resume(

@@ -14,7 +14,7 @@ from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
 from apil_core.common.errors import RunDirError
 from apil_core.common.numbers import number_list
-from apil_core.distributed.world import World
+from apil_core.training.distributed.world import World
 
 if TYPE_CHECKING:
     from apil_core.api.config import RunConfig
@@ -63,7 +63,7 @@ def run(
             _refuse_existing(directory)
 
     from apil_core import runner
-    from apil_core.distributed.join import joined
+    from apil_core.training.distributed.join import joined
 
     documents: list[dict[str, Any]] = []
     with joined(config.device):  # once for all seeds

@@ -16,7 +16,7 @@ from apil_core.common.errors import ConfigError, RunDirError
 
 if TYPE_CHECKING:
     from apil_core.cli.comparison import Comparison, Difference
-    from apil_core.rundir import RunDir
+    from apil_core.training.storage.run_dir import RunDir
 
 app = sub_app("runs", "List runs, compare their scores, draw their learning curves.")
 app.command("apil_core.cli.plot:plot", name="plot")
@@ -30,7 +30,7 @@ def list_(
     as_json: Json = False,
 ) -> None:
     """List runs: what was trained, how far it is, and its final score."""
-    from apil_core.rundir import list_runs
+    from apil_core.training.storage.run_dir import list_runs
 
     if root.exists() and not root.is_dir():
         raise RunDirError(f"{root} is no directory")
@@ -56,7 +56,7 @@ def compare(
 ) -> None:
     """Compare final scores with the first run's; differences that chance explains are marked."""
     from apil_core.cli.comparison import compare as side_by_side
-    from apil_core.rundir import RunDir
+    from apil_core.training.storage.run_dir import RunDir
 
     result = side_by_side([RunDir(directory) for directory in directories])
     for warning in result.warnings:

@@ -25,7 +25,7 @@ from apil_core.policies.student import load_file, save_file, weights_sha256
 from apil_core.policies.student_policy import StudentPolicy
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult
-from apil_core.rundir import environment
+from apil_core.training.storage.run_dir import environment
 
 OnStage = Callable[[Entry, int], None]
 

@@ -13,7 +13,6 @@ from apil_core.api.game import Game, SideLayout
 from apil_core.api.policy import Policy
 from apil_core.api.specs import GameSpec
 from apil_core.api.types import View
-from apil_core.build import check_device
 from apil_core.common.errors import ConfigError, VictimError
 from apil_core.config.game import game_model, overlaid
 from apil_core.distillation.collector import Collector
@@ -25,6 +24,7 @@ from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
 from apil_core.policies.seats import Taking, load_victim
 from apil_core.policies.student_policy import StudentShape
+from apil_core.training.build import check_device
 
 _LONGEST_BLOCK = 512
 

@@ -12,8 +12,8 @@ from apil_core.common.seeds import stream_generator
 from apil_core.distillation.collector import Cast, Collector, Sample
 from apil_core.distillation.learner import Block, StudentLearner
 from apil_core.distillation.options import DistillConfig
-from apil_core.normalize import RunningMoments
 from apil_core.policies.student_policy import StudentShape
+from apil_core.training.normalize import RunningMoments
 
 _TRUE_BLOCKS = 4
 """Every so many blocks, from the first, are played by the game's own options instead of ``practice``."""

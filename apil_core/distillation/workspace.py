@@ -14,12 +14,12 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torch import Tensor
 
-from apil_core import checkpoint
 from apil_core.common.errors import RunDirError
 from apil_core.common.files import write_atomically
 from apil_core.distillation.options import DistillConfig
 from apil_core.distillation.report import Report
-from apil_core.rundir import environment
+from apil_core.training.storage import checkpoint
+from apil_core.training.storage.run_dir import environment
 
 
 class Workspace:

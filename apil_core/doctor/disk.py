@@ -10,7 +10,7 @@ from apil_core.common.files import why_unwritable
 from apil_core.doctor.finding import Finding, error, good, warning
 from apil_core.doctor.scope import Scope
 from apil_core.policies.zoo_cache import cache_dir
-from apil_core.rundir import DEFAULT_ROOT
+from apil_core.training.storage.run_dir import DEFAULT_ROOT
 
 ENOUGH = 2**30
 """Bytes below which room is called short."""

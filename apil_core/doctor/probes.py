@@ -31,7 +31,7 @@ PICTURE = 64, 48
 def libraries(plugins: PluginRegistry) -> dict[str, Any]:
     """Import what training needs; what torch says of threads and GPUs."""
     begin = time.perf_counter()
-    import apil_core.trainer  # noqa: F401  (the whole learner with it)
+    import apil_core.training.trainer  # noqa: F401  (the whole learner with it)
 
     seconds = time.perf_counter() - begin
     import torch

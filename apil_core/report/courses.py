@@ -9,12 +9,12 @@ import numpy as np
 from apil_core.common.errors import ApilError
 from apil_core.curve_groups import CurveGroup, read_groups
 from apil_core.curves import Line, read_curve
-from apil_core.recorders import read_metrics
 from apil_core.report.attack_tables import BASELINE
 from apil_core.report.grouping import Groups
 from apil_core.report.models import CurveLine, CurvePanel, Diagnostics, Setting, Table
 from apil_core.report.settings import Key
 from apil_core.report.sources import Run
+from apil_core.training.storage.recorders import read_metrics
 
 POINTS = 300
 """Points of a line at most: more cannot be seen, and the page stays small."""

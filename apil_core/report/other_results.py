@@ -9,12 +9,12 @@ from pathlib import Path
 from apil_core.activations.models import ActivationMap
 from apil_core.common.errors import ApilError
 from apil_core.curves import WIN, WIN_OR_TIE, shares
-from apil_core.recorders import read_metrics
 from apil_core.report.courses import thinned
 from apil_core.report.models import ActivationCloud, Activations, RetrainingCurve, RetrainingLine, Snapshot
 from apil_core.report.sources import Sources
 from apil_core.report.words import percent, several
 from apil_core.retraining.folder import RetrainDir
+from apil_core.training.storage.recorders import read_metrics
 
 
 def retraining_curves(sources: Sources) -> list[RetrainingCurve]:

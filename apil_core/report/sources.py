@@ -17,7 +17,7 @@ from apil_core.common.errors import ApilError, ConfigError, RunDirError
 from apil_core.config.game import stored_physics
 from apil_core.final_score import final_score
 from apil_core.results import EvaluationResult, told
-from apil_core.rundir import RunDir
+from apil_core.training.storage.run_dir import RunDir
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Run:
         axes: keys that its benchmark varies, without their values.
         failure: why it failed, or ``""``.
         steps: of training so far.
-        summary: see :meth:`apil_core.rundir.RunDir.summary`.
+        summary: see :meth:`apil_core.training.storage.run_dir.RunDir.summary`.
     """
 
     dir: RunDir

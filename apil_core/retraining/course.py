@@ -6,12 +6,10 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, Literal
 
-from apil_core import checkpoint
 from apil_core.api.config import RunConfig
 from apil_core.common.errors import ApilError
 from apil_core.common.machine import resident_mb
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.log_rows import RowLog, open_recorders
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.policies.student import load_file, save_file
 from apil_core.progress import Progress
@@ -21,8 +19,10 @@ from apil_core.retraining.hardened import name_of
 from apil_core.retraining.result import RetrainResult
 from apil_core.retraining.scoring import score_each
 from apil_core.retraining.setting import Setting, shares
-from apil_core.rundir import environment
 from apil_core.stop_signal import Stopped, StopWish
+from apil_core.training.storage import checkpoint
+from apil_core.training.storage.metrics_log import RowLog, open_recorders
+from apil_core.training.storage.run_dir import environment
 
 Scores = dict[str, EvaluationResult]
 

@@ -8,9 +8,9 @@ import torch
 from torch import Tensor, nn
 
 from apil_core.distillation.learner import Memory, StudentNetwork
-from apil_core.networks import mlp
 from apil_core.policies.student_policy import StudentShape, Weights
 from apil_core.retraining.network import body_of
+from apil_core.training.networks import mlp
 
 
 class Critic(nn.Module):

@@ -1,6 +1,6 @@
 """PPO for a victim's own network, with or without memory.
 
-The adversaries' learner (:mod:`apil_core.learner`) stands on rsl_rl, whose models are its own; a victim is a
+The adversaries' learner (:mod:`apil_core.training.ppo`) stands on rsl_rl, whose models are its own; a victim is a
 given network, and with an LSTM needs gradients through time. The settings and what they mean are the same:
 :class:`apil_core.api.config.PPOConfig`, docs/methods.md §3.
 
@@ -25,7 +25,7 @@ from apil_core.distillation.learner import Memory
 from apil_core.retraining.critic import Critic
 from apil_core.retraining.network import VictimNetwork
 from apil_core.retraining.rollout import Piece, VictimRollout
-from apil_core.returns import gae, normalize_advantages
+from apil_core.training.returns import gae, normalize_advantages
 
 _ADAM_EPSILON = 1e-5
 

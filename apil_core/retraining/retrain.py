@@ -8,21 +8,21 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from apil_core import checkpoint
-from apil_core.checkpoint_fit import check_same_settings, fitting
 from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.config.absent import with_absent
 from apil_core.config.problems import problems_of
-from apil_core.log_rows import iterations_in_rows
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import default_plugins
 from apil_core.progress import Progress
-from apil_core.recorders import truncate_metrics
 from apil_core.retraining.course import RetrainCourse
 from apil_core.retraining.folder import RetrainDir
 from apil_core.retraining.options import RetrainConfig
 from apil_core.retraining.result import RetrainResult
 from apil_core.retraining.setting import prepare
+from apil_core.training.storage import checkpoint
+from apil_core.training.storage.checkpoint_fit import check_same_settings, fitting
+from apil_core.training.storage.metrics_log import iterations_in_rows
+from apil_core.training.storage.recorders import truncate_metrics
 
 MAY_CHANGE = (
     *("steps", "threads", "device", "recorders", "checkpoint", "evaluation", "plugins", "trust"),

@@ -10,7 +10,6 @@ from apil_core.api.config import RewardConfig
 from apil_core.api.game import Game
 from apil_core.api.policy import Policy
 from apil_core.api.specs import load
-from apil_core.build import check_device
 from apil_core.common.errors import ConfigError, UnknownNameError, VictimError
 from apil_core.common.seeds import stream_generator, stream_seed
 from apil_core.plugins.default_victim import default_baseline
@@ -26,7 +25,8 @@ from apil_core.retraining.options import RetrainConfig
 from apil_core.retraining.settings import BASELINE
 from apil_core.retraining.trainable import StoredCritic, Trainable, trainable
 from apil_core.retraining.trainer import RetrainTrainer
-from apil_core.rewards import resolve_weights
+from apil_core.training.build import check_device
+from apil_core.training.rewards import resolve_weights
 
 
 @dataclass

@@ -20,7 +20,7 @@ from apil_core.plugins.registry import default_plugins
 from apil_core.policies.seats import victim_name, victim_side
 from apil_core.retraining.options import RetrainConfig
 from apil_core.retraining.tally import MIXED
-from apil_core.trained import SCHEME, Source, run_path
+from apil_core.training.export.run_policy import SCHEME, Source, run_path
 
 BASELINE = "baseline"
 """Label of the adversary that the victim already knows."""

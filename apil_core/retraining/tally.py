@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from apil_core.episodes import WINDOW
+from apil_core.training.episode_stats import WINDOW
 
 MIXED = "mixed"
 """Label of games in which opponents change from step to step."""

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from apil_core.adversary import AdversaryPolicy
 from apil_core.api.policy import Policy
 from apil_core.api.types import OWN_GROUP
 from apil_core.common.errors import VictimError
-from apil_core.normalize import ObservationNormalizer
 from apil_core.policies.student_policy import StudentPolicy, StudentShape, Weights
 from apil_core.policies.zoo_networks import LstmNetwork, MlpNetwork, Network
 from apil_core.policies.zoo_policy import ZooPolicy
+from apil_core.training.adversary import AdversaryPolicy
+from apil_core.training.normalize import ObservationNormalizer
 
 TRAINABLE = (
     "zoo:…, embedded:…, retrained:DIR, a student's safetensors:FILE, "

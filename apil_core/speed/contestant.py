@@ -12,11 +12,11 @@ from typing import Any
 import torch
 
 from apil_core.api.config import RunConfig
-from apil_core.build import build
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.speed.hooks import TimedHooks
-from apil_core.trainer import Trainer
+from apil_core.training.build import build
+from apil_core.training.trainer import Trainer
 
 
 @dataclass

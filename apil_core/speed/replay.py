@@ -9,11 +9,11 @@ import torch
 
 from apil_core.api.game import Array
 from apil_core.api.types import Rollout, View
-from apil_core.build import Attack
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
 from apil_core.policies.seats import run_victim
 from apil_core.speed.contestant import Start
+from apil_core.training.build import Attack
 
 
 class Replay:

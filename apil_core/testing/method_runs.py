@@ -12,19 +12,19 @@ import torch
 
 from apil_core.api.config import RunConfig
 from apil_core.api.method import Method
-from apil_core.build import build, build_hooks, method_setup
 from apil_core.config.resolve import complete
-from apil_core.plugin_state import stored_and_read, unstorable
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.registry import make_game
 from apil_core.policies.seats import victim_side
-from apil_core.rundir import RunDir
 from apil_core.testing import company
 from apil_core.testing.promises import METHOD_PROMISES, ContractError, promised
 from apil_core.testing.states import differences
 from apil_core.testing.subject import Subject, final_state, train
 from apil_core.testing.watch import Watch, watching
-from apil_core.trainer import Trainer
+from apil_core.training.build import build, build_hooks, method_setup
+from apil_core.training.plugin_state import stored_and_read, unstorable
+from apil_core.training.storage.run_dir import RunDir
+from apil_core.training.trainer import Trainer
 
 
 @dataclass

@@ -7,20 +7,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from apil_core import checkpoint
 from apil_core.api.config import RunConfig
 from apil_core.api.specs import MethodSpec, load
-from apil_core.build import build
 from apil_core.common.errors import PluginError, UnknownNameError
 from apil_core.config.resolve import complete
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.progress import Progress
-from apil_core.rundir import RunDir
 from apil_core.session import Session
 from apil_core.testing.promises import METHOD_PROMISES, ContractError, Promise, promised
 from apil_core.testing.tiny import tiny_config
-from apil_core.trainer import Trainer
+from apil_core.training.build import build
+from apil_core.training.storage import checkpoint
+from apil_core.training.storage.run_dir import RunDir
+from apil_core.training.trainer import Trainer
 
 SHORT = 5
 """Steps of a game in tiny runs, where the game lets us choose: some must end and start anew."""

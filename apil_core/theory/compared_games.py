@@ -15,8 +15,8 @@ from apil_core.common.seeds import stream_seed
 from apil_core.pairing import Pairing, load_pairing
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import game_spec
-from apil_core.rewards import dense_share, resolve_weights, training_reward
-from apil_core.rundir import RunDir
+from apil_core.training.rewards import dense_share, resolve_weights, training_reward
+from apil_core.training.storage.run_dir import RunDir
 
 
 @dataclass

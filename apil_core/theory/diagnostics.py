@@ -15,10 +15,10 @@ from pydantic import BaseModel
 from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.curves import Line
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.recorders import read_metrics
-from apil_core.rundir import RunDir
 from apil_core.theory.bounds import informative_kl, lemma_bound
 from apil_core.theory.policy_change import PolicyChange, policy_changes
+from apil_core.training.storage.recorders import read_metrics
+from apil_core.training.storage.run_dir import RunDir
 
 KL, KL_MAX, IMITATOR_KL, BOUND = "kl", "kl_max", "imitator_kl", "bound"
 """Names of the lines; the second and third are there only if the run logged them."""

@@ -14,9 +14,9 @@ from apil_core.common.errors import RunDirError
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import default_plugins
-from apil_core.rundir import RunDir
 from apil_core.theory.bounds import lemma_bound, lemma_bound_of_visits
 from apil_core.theory.compared_games import ComparedGames, play_compared
+from apil_core.training.storage.run_dir import RunDir
 
 
 class Estimate(BaseModel):

@@ -13,7 +13,7 @@ from apil_core.api.config import RunConfig
 from apil_core.common.errors import ApilError
 from apil_core.config.kind import is_retraining
 from apil_core.retraining.options import RetrainConfig
-from apil_core.rundir import RunDir
+from apil_core.training.storage.run_dir import RunDir
 
 PROJECT = "apil"
 """Project of a run where nothing says otherwise."""

@@ -9,8 +9,8 @@ from typing import Any
 
 from apil_core.common.errors import ApilError
 from apil_core.common.extras import need
-from apil_core.recorders import read_metrics
 from apil_core.trackers.tracked import PROJECT, TrackedRun, one_line
+from apil_core.training.storage.recorders import read_metrics
 
 FINISH_SECONDS = 60.0
 """How long the end of a run waits for uploads; what is missing by then stays on disk for ``wandb sync``."""

@@ -23,11 +23,11 @@ from ruamel.yaml import YAML
 from apil_core import RunConfig, make_game
 from apil_core.api.method import Run
 from apil_core.api.types import Rollout
-from apil_core.build import build_hooks, method_setup
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.config.resolve import resolve
 from apil_core.plugins.registry import default_plugins
 from apil_core.policies.seats import victim_side
+from apil_core.training.build import build_hooks, method_setup
 
 KEPT = (
     *("mse", "relative_error", "explained_share", "log_likelihood", "constant_log_likelihood"),

@@ -11,8 +11,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from apil_core.recorders import read_metrics
-from apil_core.rundir import RunDir
+from apil_core.training.storage.recorders import read_metrics
+from apil_core.training.storage.run_dir import RunDir
 
 LAST = 5
 HEAD = (

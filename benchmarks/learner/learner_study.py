@@ -22,8 +22,8 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from apil_core.recorders import read_metrics
 from apil_core.results import wilson
+from apil_core.training.storage.recorders import read_metrics
 
 VARIANTS = Path(__file__).with_name("variants.yaml")
 OPPONENTS = {"kick-and-defend": 0.313, "you-shall-not-pass": 0.468, "sumo-humans": 0.08, "sumo-ants": 0.40}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from task import Task
 
 from apil_core.plugins.registry import default_plugins
-from apil_core.trainer import Trainer
+from apil_core.training.trainer import Trainer
 
 
 class Ours:

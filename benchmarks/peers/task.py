@@ -7,10 +7,10 @@ from typing import Any, Protocol
 
 from apil_core import RunConfig
 from apil_core.api.config import PPOConfig
-from apil_core.build import Attack, build
 from apil_core.common.errors import ConfigError
 from apil_core.plugins.default_victim import default_victim
 from apil_core.plugins.registry import default_plugins, game_spec
+from apil_core.training.build import Attack, build
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from apil_core.bench.folder import BenchDir, read_score
 from apil_core.bench.jobs import Ledger, make_jobs
 from apil_core.bench.matrix import Matrix
 from apil_core.bench.work import Outcome, perform
-from apil_core.recorders import read_metrics
+from apil_core.training.storage.recorders import read_metrics
 
 TIMINGS = {"wall_seconds", "steps_per_second", "collect_seconds", "update_seconds", "memory_mb"}
 """Metrics in which two runs of the same thing differ."""

@@ -22,7 +22,7 @@ from apil_core.bench.jobs import Ledger, make_jobs
 from apil_core.bench.schedule import Watch, run_jobs
 from apil_core.bench.work import perform
 from apil_core.cli import main
-from apil_core.recorders import read_metrics
+from apil_core.training.storage.recorders import read_metrics
 from bench.small_matrix import Here, made, outcome, process_of, rows_of, small_matrix, undisturbed, until
 
 CELL = "cells/toy-pursuit/adrl/s0"

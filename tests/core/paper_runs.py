@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from apil_core.plugins.registry import default_plugins
-from apil_core.recorders import JsonlRecorder
-from apil_core.rundir import RunDir
+from apil_core.training.storage.recorders import JsonlRecorder
+from apil_core.training.storage.run_dir import RunDir
 from core.small_runs import small_config
 
 VICTIM = "scripted:toy-pursuit/evader/v1"

@@ -10,12 +10,13 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from apil_core import RunConfig, RunDirError, checkpoint, evaluate, resume, run
+from apil_core import RunConfig, RunDirError, evaluate, resume, run
 from apil_core.api.config import EvaluationConfig, StopConfig
 from apil_core.best import EvaluationHistory
 from apil_core.progress import Progress
 from apil_core.results import EvaluationResult, wilson
-from apil_core.rundir import RunDir
+from apil_core.training.storage import checkpoint
+from apil_core.training.storage.run_dir import RunDir
 from core.small_runs import small_config
 
 ITERATION = 32 * 16

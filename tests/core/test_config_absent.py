@@ -9,23 +9,13 @@ from typing import Annotated
 
 import pytest
 
-from apil_core import (
-    ApilError,
-    ConfigError,
-    RunConfig,
-    RunDirError,
-    Section,
-    absent,
-    checkpoint,
-    evaluate,
-    resume,
-    run,
-)
+from apil_core import ApilError, ConfigError, RunConfig, RunDirError, Section, absent, evaluate, resume, run
 from apil_core.config.absent import filled, with_absent
 from apil_core.config.layers import parse_yaml
 from apil_core.config.resolve import dump_yaml, flatten, load_resolved, resolve
 from apil_core.plugins.registry import default_plugins
-from apil_core.rundir import RunDir
+from apil_core.training.storage import checkpoint
+from apil_core.training.storage.run_dir import RunDir
 from core.small_runs import small_config
 
 ROOT = Path(__file__).parents[2]

@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 import torch
 
-from apil_core import ConfigError, RunDirError, checkpoint, evaluate, resume
+from apil_core import ConfigError, RunDirError, evaluate, resume
 from apil_core.config.resolve import dump_yaml
-from apil_core.distributed.merging import merged
-from apil_core.distributed.moments import pooled
-from apil_core.distributed.replicas import averaged, parts
-from apil_core.distributed.world import World
-from apil_core.normalize import ObservationNormalizer, ReturnNormalizer, RunningMoments
-from apil_core.rundir import RunDir, part_of_rank
+from apil_core.training.distributed.merging import merged
+from apil_core.training.distributed.moments import pooled
+from apil_core.training.distributed.replicas import averaged, parts
+from apil_core.training.distributed.world import World
+from apil_core.training.normalize import ObservationNormalizer, ReturnNormalizer, RunningMoments
+from apil_core.training.storage import checkpoint
+from apil_core.training.storage.run_dir import RunDir, part_of_rank
 from core.small_runs import differences, leaves, small_config
 from core.test_resume import lines, wait_for_checkpoint
 from core.together import torchrun, train

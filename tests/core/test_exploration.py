@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from apil_core import PPOConfig, resume, run
-from apil_core.exploration import make_noise
+from apil_core.training.exploration import make_noise
 from core.small_runs import differences, small_config
 from core.test_resume import final_state
 

@@ -17,21 +17,12 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 
 import apil_core
-from apil_core import (
-    ApilError,
-    ConfigError,
-    RunDirError,
-    VictimError,
-    View,
-    checkpoint,
-    evaluate,
-    load_policy,
-    run,
-)
-from apil_core.export import Exported, export
+from apil_core import ApilError, ConfigError, RunDirError, VictimError, View, evaluate, load_policy, run
 from apil_core.plugins.registry import default_plugins, make_game
-from apil_core.rundir import RunDir
-from apil_core.trained import Source
+from apil_core.training.export.export import Exported, export
+from apil_core.training.export.run_policy import Source
+from apil_core.training.storage import checkpoint
+from apil_core.training.storage.run_dir import RunDir
 from core.small_runs import small_config
 
 onnxruntime = pytest.importorskip("onnxruntime", reason="needs the extra onnx: pip install 'apil[onnx]'")

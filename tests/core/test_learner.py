@@ -11,15 +11,15 @@ import torch
 from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
 
-from apil_core import checkpoint
 from apil_core.api.types import PRIVILEGED_GROUP, DiagonalGaussian
-from apil_core.build import build
-from apil_core.game_env import AttackEnv
-from apil_core.learner import Actor, Learner
 from apil_core.plugins.registry import default_plugins
-from apil_core.ppo_storage import LATENT, PPOStorage
 from apil_core.progress import Progress
-from apil_core.trainer import Trainer
+from apil_core.training.attack_env import AttackEnv
+from apil_core.training.build import build
+from apil_core.training.ppo import Actor, Learner
+from apil_core.training.ppo_storage import LATENT, PPOStorage
+from apil_core.training.storage import checkpoint
+from apil_core.training.trainer import Trainer
 from core.every_game import GAME_NAMES
 from core.small_runs import differences, small_config
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from apil_core import ObservationNormalizer, ReturnNormalizer
 from apil_core.common.tensors import all_finite
-from apil_core.normalize import RunningMoments
+from apil_core.training.normalize import RunningMoments
 
 
 @settings(deadline=None, max_examples=30)

@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from apil_core import Context, PluginError, SideLayout, hookimpl
-from apil_core.observation_filter import ObservationFilter
 from apil_core.plugins.hook_manager import RunHookManager
+from apil_core.training.observation_filter import ObservationFilter
 
 SHAPE = (4, 3)
 

@@ -11,9 +11,9 @@ import torch
 
 from apil_core import ApilError, Observer, evaluate, resume, run
 from apil_core.config.resolve import complete, load_resolved
-from apil_core.plugin_state import stored_and_read
 from apil_core.plugins.discovery import PluginRecord, PluginRegistry, discover
-from apil_core.rundir import RunDir
+from apil_core.training.plugin_state import stored_and_read
+from apil_core.training.storage.run_dir import RunDir
 from core.small_runs import differences, small_config
 
 SOURCE = '''
@@ -217,7 +217,7 @@ def test_it_meets_the_runs_methods_and_shares_no_name_with_one(drifting: PluginR
     import types
 
     from apil_core import ObserverSpec, hookimpl
-    from apil_core.build import build
+    from apil_core.training.build import build
 
     attack = build(complete(small_config("apl", observers=("drift",)), drifting), drifting)
     attack.game.close()
@@ -239,8 +239,8 @@ def drawing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_its_weights_depend_on_the_seed_alone_and_nobody_elses_on_it(drawing: Path) -> None:
-    from apil_core.build import build_hooks, method_setup
     from apil_core.plugins.registry import make_game
+    from apil_core.training.build import build_hooks, method_setup
 
     plugins = discover([drawing])
     game = make_game("toy-pursuit", num_envs=1)
@@ -259,7 +259,7 @@ def test_its_weights_depend_on_the_seed_alone_and_nobody_elses_on_it(drawing: Pa
 
 
 def test_it_goes_into_an_exported_file_and_a_victims_seat(tmp_path: Path, drawing: Path) -> None:
-    from apil_core.export import export
+    from apil_core.training.export.export import export
 
     out = tmp_path / "run"
     run(small_config("adrl", observers=("drawn",), plugins=(str(drawing),), steps=1024), out=out)
@@ -305,7 +305,7 @@ def test_what_is_no_mapping_of_options_is_one_line(drifting: PluginRegistry, obs
 
 
 def test_it_cannot_fill_what_only_one_method_opens(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from apil_core.build import build
+    from apil_core.training.build import build
 
     file = tmp_path / "paying.py"
     file.write_text(

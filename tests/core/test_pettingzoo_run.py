@@ -14,12 +14,13 @@ from typing import Any
 
 import pytest
 
-from apil_core import ConfigError, PluginError, UnknownNameError, checkpoint, resume, run
+from apil_core import ConfigError, PluginError, UnknownNameError, resume, run
 from apil_core.cli import main
 from apil_core.config.resolve import complete, dump_yaml
 from apil_core.config.schema import json_schema
 from apil_core.plugins.discovery import PluginRegistry, discover
-from apil_core.rundir import RunDir
+from apil_core.training.storage import checkpoint
+from apil_core.training.storage.run_dir import RunDir
 from core.small_runs import differences, small_config
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -17,16 +17,16 @@ from apil_core import HOOK_API, Deprecation, Method, PluginError, hookimpl, hook
 from apil_core.api.hook_api import HookDeprecationWarning, version_in_source
 from apil_core.api.hooks import PROJECT
 from apil_core.api.hookspecs import RunHooks
-from apil_core.build import build
-from apil_core.checkpoint import to_tensors
 from apil_core.config.resolve import complete
-from apil_core.plugin_state import unstorable
 from apil_core.plugins.check import check_plugins
 from apil_core.plugins.discovery import PluginRecord, PluginRegistry, discover
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.registry import default_plugins
 from apil_core.plugins.validation import forgotten, register, remarks
-from apil_core.trainer import Trainer
+from apil_core.training.build import build
+from apil_core.training.plugin_state import unstorable
+from apil_core.training.storage.checkpoint import to_tensors
+from apil_core.training.trainer import Trainer
 from core.small_runs import differences, small_config
 
 HEAD = "from apil_core import GameSpec, Method, MethodSpec, hookimpl\n"

@@ -11,8 +11,13 @@ import pytest
 from apil_core.api.specs import load
 from apil_core.common.errors import RunDirError
 from apil_core.plugins.discovery import discover
-from apil_core.recorders import JsonlRecorder, TensorBoardRecorder, read_metrics, truncate_metrics
-from apil_core.rundir import RunDir
+from apil_core.training.storage.recorders import (
+    JsonlRecorder,
+    TensorBoardRecorder,
+    read_metrics,
+    truncate_metrics,
+)
+from apil_core.training.storage.run_dir import RunDir
 
 
 def record(path: Path, *rows: dict[str, float]) -> Path:

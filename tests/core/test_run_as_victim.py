@@ -16,13 +16,13 @@ from apil_core import (
     PluginError,
     RunDirError,
     VictimError,
-    checkpoint,
     evaluate,
     load_policy,
     resume,
     run,
 )
-from apil_core.rundir import RunDir
+from apil_core.training.storage import checkpoint
+from apil_core.training.storage.run_dir import RunDir
 from core.small_runs import differences, small_config
 from core.test_resume import final_state
 

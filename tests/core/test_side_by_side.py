@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from apil_core import Method, PluginError, hookimpl, run
-from apil_core import trainer as trainer_module
 from apil_core.common.torch_threads import side_by_side
+from apil_core.training import trainer as trainer_module
 from core.small_runs import differences, small_config
 from core.test_plugin_in_run import metrics_of, registry_with
 from core.test_resume import final_state

@@ -19,11 +19,11 @@ import psutil
 import pytest
 
 from apil_core import ApilError, resume, run
-from apil_core.log_rows import RowLog
 from apil_core.progress import Progress
-from apil_core.recorders import JsonlRecorder, read_metrics
-from apil_core.rundir import RunDir
 from apil_core.trackers import tracked
+from apil_core.training.storage.metrics_log import RowLog
+from apil_core.training.storage.recorders import JsonlRecorder, read_metrics
+from apil_core.training.storage.run_dir import RunDir
 from core.small_runs import small_config
 
 needs_wandb = pytest.mark.skipif(find_spec("wandb") is None, reason="wandb is not installed: apil[wandb]")

@@ -9,13 +9,14 @@ from typing import Any
 import pytest
 import torch
 
-from apil_core import ConfigError, RunConfig, VictimError, checkpoint, resume, run
+from apil_core import ConfigError, RunConfig, VictimError, resume, run
 from apil_core.api.types import OWN_GROUP, View
-from apil_core.build import build
 from apil_core.plugins.registry import default_plugins
 from apil_core.progress import Progress
-from apil_core.rundir import RunDir
-from apil_core.trainer import Trainer
+from apil_core.training.build import build
+from apil_core.training.storage import checkpoint
+from apil_core.training.storage.run_dir import RunDir
+from apil_core.training.trainer import Trainer
 from apil_core.warm_start import load_teacher, warm_start
 from core.small_runs import differences, small_config
 

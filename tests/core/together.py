@@ -12,7 +12,7 @@ from pathlib import Path
 
 from apil_core import RunConfig, resume, run
 from apil_core.config.layers import file_layer
-from apil_core.distributed.join import joined
+from apil_core.training.distributed.join import joined
 
 
 def torchrun(*arguments: str | Path, module: bool = False) -> subprocess.Popen[str]:

@@ -9,7 +9,7 @@ import pytest
 
 from apil_core import evaluate, resume
 from apil_core.policies.zoo_import import import_zoo
-from apil_core.rundir import RunDir
+from apil_core.training.storage.run_dir import RunDir
 from docs.pages import ROOT
 
 PAGE = ROOT / "docs" / "long-runs.md"

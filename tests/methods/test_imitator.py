@@ -16,8 +16,8 @@ from apil_apil.imitator import Experience, Imitator
 from apil_apil.method import Games
 from apil_apil.quality import prediction_quality
 from apil_core import ConfigError, DiagonalGaussian, PluginError, RunConfig
-from apil_core.build import build_hooks
 from apil_core.plugins.registry import default_plugins
+from apil_core.training.build import build_hooks
 from methods.test_rewards import rollout_with, setup_of
 
 REWARDS, STREAM, BETA, GAMMA = (1.0, 2.0, 6.0), (0.0, 0.0, -1.0), 0.5, 0.5

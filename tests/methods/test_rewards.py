@@ -13,10 +13,10 @@ from apil_core import RunConfig
 from apil_core.api.game import GameLayout, GameStep, SideLayout
 from apil_core.api.method import MethodSetup
 from apil_core.api.types import Rollout, StepBatch
-from apil_core.build import build, build_hooks
 from apil_core.plugins.registry import default_plugins
-from apil_core.rewards import RewardWeights, annealing, training_reward
-from apil_core.trainer import Trainer
+from apil_core.training.build import build, build_hooks
+from apil_core.training.rewards import RewardWeights, annealing, training_reward
+from apil_core.training.trainer import Trainer
 
 
 def setup_of(config):

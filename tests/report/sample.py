@@ -15,7 +15,6 @@ from apil_core.bench.cells import Cell, resolve_matrix
 from apil_core.bench.folder import BenchDir, write_score
 from apil_core.bench.matrix import Matrix
 from apil_core.crossplay_document import CrossPlay, Player
-from apil_core.recorders import JsonlRecorder
 from apil_core.report import cells
 from apil_core.report.evidence import gather
 from apil_core.report.models import Evidence, Side, Table
@@ -23,7 +22,8 @@ from apil_core.report.paper_claims import ORDER
 from apil_core.results import EvaluationResult, wilson
 from apil_core.retraining.folder import RetrainDir
 from apil_core.retraining.options import RetrainConfig
-from apil_core.rundir import RunDir
+from apil_core.training.storage.recorders import JsonlRecorder
+from apil_core.training.storage.run_dir import RunDir
 
 KICK, SUMO = "kick-and-defend", "sumo-humans"
 VICTIMS = {KICK: "zoo:kick-and-defend/kicker/v1", SUMO: "zoo:sumo-humans/fighter/v3"}

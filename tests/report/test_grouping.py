@@ -13,7 +13,7 @@ from apil_core.config.resolve import complete
 from apil_core.plugins.registry import default_plugins
 from apil_core.report.evidence import gather
 from apil_core.report.models import Evidence
-from apil_core.rundir import RunDir
+from apil_core.training.storage.run_dir import RunDir
 from report.sample import KICK, VICTIMS, result, write_run
 
 TOY = "toy-pursuit"

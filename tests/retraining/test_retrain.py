@@ -13,25 +13,17 @@ import pytest
 import torch
 from core.small_runs import differences, small_config
 
-from apil_core import (
-    ConfigError,
-    RunDirError,
-    VictimError,
-    checkpoint,
-    evaluate,
-    load_policy,
-    resume,
-    run,
-)
+from apil_core import ConfigError, RunDirError, VictimError, evaluate, load_policy, resume, run
 from apil_core.progress import Progress
-from apil_core.recorders import read_metrics
 from apil_core.retraining.folder import RetrainDir
 from apil_core.retraining.options import RetrainConfig
 from apil_core.retraining.retrain import resume as go_on
 from apil_core.retraining.retrain import retrain
 from apil_core.retraining.settings import settings
-from apil_core.rundir import RunDir
 from apil_core.trackers.tracked import TrackedRun
+from apil_core.training.storage import checkpoint
+from apil_core.training.storage.recorders import read_metrics
+from apil_core.training.storage.run_dir import RunDir
 from retraining.victims import student
 
 SMALL: dict[str, Any] = {

@@ -16,10 +16,10 @@ import apil_core
 from apil_core import ConfigError, RunDirError
 from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.api.types import Decision, DiagonalGaussian, View
-from apil_core.rundir import RunDir
 from apil_core.theory.compared_games import ComparedGames, ComparedPolicy
 from apil_core.theory.diagnostics import BOUND, IMITATOR_KL, KL, KL_MAX, Diagnostics, diagnose
 from apil_core.theory.policy_change import PolicyChange, _compare, policy_changes
+from apil_core.training.storage.run_dir import RunDir
 
 NAN = float("nan")
 BIT = math.log(2)
@@ -165,9 +165,9 @@ def test_played_games_say_how_large_a_value_is(trained: RunDir) -> None:
 
 def test_kl_of_the_log_is_the_mean_over_the_rollout(tmp_path: Path) -> None:
     """``ppo/kl`` is KL(old ‖ new) over all states of the rollout after the last epoch, in nats."""
-    from apil_core.build import build
     from apil_core.plugins.discovery import discover
-    from apil_core.trainer import Trainer
+    from apil_core.training.build import build
+    from apil_core.training.trainer import Trainer
 
     plugins = discover()
     trainer = Trainer(build(small_config("adrl"), plugins), plugins)

@@ -16,7 +16,7 @@ from gymnasium.spaces import Box, Dict, Discrete
 
 from apil_core import OpponentInsideEnv, RunConfig, VictimError, View, evaluate, load_policy, resume, run
 from apil_core.policies.conformance import check_policy
-from apil_core.rundir import RunDir
+from apil_core.training.storage.run_dir import RunDir
 from victims.foreign_files import seat, view
 
 sb3 = pytest.importorskip("stable_baselines3", reason="needs the extra sb3: pip install 'apil[sb3]'")

@@ -16,7 +16,7 @@ def register_policies() -> list[PolicySpec]:
     return [
         PolicySpec(
             "run",
-            "apil_core.trained:load",
+            "apil_core.training.export.run_policy:load",
             summary="what a run trained: run:DIR, its newest checkpoint",
             seat=True,
             plugins=True,

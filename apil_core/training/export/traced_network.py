@@ -14,7 +14,6 @@ from typing import Any, get_args
 import torch
 from torch import Tensor, nn
 
-from apil_core.adversary import AdversaryPolicy
 from apil_core.api.game import SideLayout
 from apil_core.api.method import RunPlugin
 from apil_core.api.types import View
@@ -22,6 +21,7 @@ from apil_core.common.errors import ApilError
 from apil_core.policies.foreign.archive import rebuilt
 from apil_core.policies.foreign.network import SIGNATURE_FILE, Reads, Signature
 from apil_core.policies.foreign.origin import one_line
+from apil_core.training.adversary import AdversaryPolicy
 
 OPSET = 20
 INPUTS: tuple[Reads, ...] = get_args(Reads)

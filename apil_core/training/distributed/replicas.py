@@ -15,9 +15,9 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from apil_core.common.errors import PluginError
-from apil_core.distributed.moments import pool
-from apil_core.distributed.world import World
-from apil_core.normalize import ObservationNormalizer, ReturnNormalizer, RunningMoments
+from apil_core.training.distributed.moments import pool
+from apil_core.training.distributed.world import World
+from apil_core.training.normalize import ObservationNormalizer, ReturnNormalizer, RunningMoments
 
 Part = nn.Module | Optimizer
 

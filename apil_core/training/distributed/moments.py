@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from apil_core.distributed.world import World
-from apil_core.normalize import ObservationNormalizer, RunningMoments
+from apil_core.training.distributed.world import World
+from apil_core.training.normalize import ObservationNormalizer, RunningMoments
 
 
 def pooled(mean: Tensor, var: Tensor, count: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -23,11 +23,11 @@ from torch import Tensor, nn
 from apil_core.api.config import PPOConfig
 from apil_core.api.types import DiagonalGaussian
 from apil_core.common.errors import ApilError
-from apil_core.distributed.world import ALONE, World
-from apil_core.exploration import make_noise
-from apil_core.networks import mlp
-from apil_core.ppo_storage import LatentModel, PPOStorage
-from apil_core.returns import gae
+from apil_core.training.distributed.world import ALONE, World
+from apil_core.training.exploration import make_noise
+from apil_core.training.networks import mlp
+from apil_core.training.ppo_storage import LatentModel, PPOStorage
+from apil_core.training.returns import gae
 
 _ADAM_EPSILON = 1e-5
 MAIN_STREAM = "reward"

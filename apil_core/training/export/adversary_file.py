@@ -17,15 +17,15 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
-from apil_core.adversary import AdversaryPolicy
 from apil_core.api.config import RunConfig
 from apil_core.api.game import GameLayout, SideLayout
 from apil_core.api.policy import PolicyInfo
-from apil_core.build import adversary_policy
 from apil_core.common.errors import ApilError, ConfigError, VictimError
 from apil_core.config.absent import read_stored
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.policies.foreign.origin import Origin, one_line
+from apil_core.training.adversary import AdversaryPolicy
+from apil_core.training.build import adversary_policy
 
 FORMAT = "apil-adversary-1"
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from safetensors import SafetensorError, safe_open
 
-from apil_core import adversary_file
 from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.policies import student
 from apil_core.policies.foreign.origin import Origin, one_line
+from apil_core.training.export import adversary_file
 
 
 def load(name: str, *, seat: SideLayout | None, plugins: PluginRegistry, device: str) -> Policy:

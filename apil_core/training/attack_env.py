@@ -14,7 +14,6 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from apil_core.adversary import ObservationBuilder
 from apil_core.api.config import RunConfig
 from apil_core.api.game import Game, GameStep
 from apil_core.api.method import Run
@@ -31,12 +30,13 @@ from apil_core.api.types import (
 )
 from apil_core.common.errors import PluginError
 from apil_core.common.tensors import all_finite
-from apil_core.episodes import EpisodeStats
-from apil_core.normalize import ObservationNormalizer, ReturnNormalizer
-from apil_core.observation_filter import ObservationFilter
 from apil_core.plugins.hook_manager import RunHookManager
-from apil_core.rewards import dense_share, training_reward
-from apil_core.rollout_buffer import RolloutBuffer
+from apil_core.training.adversary import ObservationBuilder
+from apil_core.training.episode_stats import EpisodeStats
+from apil_core.training.normalize import ObservationNormalizer, ReturnNormalizer
+from apil_core.training.observation_filter import ObservationFilter
+from apil_core.training.rewards import dense_share, training_reward
+from apil_core.training.rollout_buffer import RolloutBuffer
 
 _OWN_TERMS = {"adversary", "victim", "uneven_share"}
 """Names under ``reward/`` in the metrics that are not a plugin's."""

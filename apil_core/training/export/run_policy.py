@@ -7,13 +7,9 @@ from pathlib import Path
 
 import torch
 
-from apil_core import checkpoint
-from apil_core.adversary import AdversaryPolicy
 from apil_core.api.config import RunConfig
 from apil_core.api.game import GameLayout, SideLayout
 from apil_core.api.policy import Policy, PolicyInfo
-from apil_core.build import adversary_policy
-from apil_core.checkpoint_fit import check_same_policy, fitting
 from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.common.files import sha256
 from apil_core.config.absent import completed
@@ -21,7 +17,11 @@ from apil_core.config.kind import is_retraining
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import make_game
 from apil_core.policies.seats import victim_side
-from apil_core.rundir import RunDir
+from apil_core.training.adversary import AdversaryPolicy
+from apil_core.training.build import adversary_policy
+from apil_core.training.storage import checkpoint
+from apil_core.training.storage.checkpoint_fit import check_same_policy, fitting
+from apil_core.training.storage.run_dir import RunDir
 
 SCHEME = "run:"
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import torch
 
-from apil_core.adversary import HOOK_STREAM, AdversaryPolicy, ObservationBuilder
 from apil_core.api.config import RunConfig
 from apil_core.api.game import Game, GameLayout
 from apil_core.api.method import Method, MethodSetup, Observer, RunPlugin
@@ -16,15 +15,16 @@ from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.api.types import Context
 from apil_core.common.errors import ConfigError, PluginError
 from apil_core.common.seeds import stream_generator, stream_seed
-from apil_core.distributed.world import ALONE, World
-from apil_core.game_env import AttackEnv
-from apil_core.learner import Actor, Learner
-from apil_core.plugin_state import check_states, load_states
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.registry import build_methods, build_observers, game_spec, make_game
 from apil_core.policies.seats import pinned, run_victim, victim_side
-from apil_core.rewards import resolve_weights
+from apil_core.training.adversary import HOOK_STREAM, AdversaryPolicy, ObservationBuilder
+from apil_core.training.attack_env import AttackEnv
+from apil_core.training.distributed.world import ALONE, World
+from apil_core.training.plugin_state import check_states, load_states
+from apil_core.training.ppo import Actor, Learner
+from apil_core.training.rewards import resolve_weights
 
 
 @dataclass

@@ -13,9 +13,15 @@ def register_recorders() -> list[RecorderSpec]:
     """Metrics as JSON lines, as TensorBoard events, and to experiment trackers."""
     return [
         RecorderSpec(
-            "jsonl", "apil_core.recorders:JsonlRecorder", "metrics.jsonl, one line per row of metrics"
+            "jsonl",
+            "apil_core.training.storage.recorders:JsonlRecorder",
+            "metrics.jsonl, one line per row of metrics",
         ),
-        RecorderSpec("tensorboard", "apil_core.recorders:TensorBoardRecorder", "events for TensorBoard"),
+        RecorderSpec(
+            "tensorboard",
+            "apil_core.training.storage.recorders:TensorBoardRecorder",
+            "events for TensorBoard",
+        ),
         RecorderSpec(
             "wandb",
             "apil_core.trackers.wandb_recorder:WandbRecorder",

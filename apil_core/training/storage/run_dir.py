@@ -20,8 +20,8 @@ from apil_core.api.config import RunConfig
 from apil_core.common.errors import RunDirError
 from apil_core.common.files import write_atomically
 from apil_core.config.kind import is_retraining
-from apil_core.distributed.world import World
 from apil_core.plugins.discovery import PluginRegistry
+from apil_core.training.distributed.world import World
 
 DEFAULT_ROOT = Path("runs")
 BEST = "best"

@@ -8,12 +8,12 @@ import torch
 
 from apil_core.api.policy import Policy
 from apil_core.api.types import Rollout
-from apil_core.build import Attack
 from apil_core.common.seeds import stream_seed
-from apil_core.game_env import AttackEnv
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
-from apil_core.rollout_buffer import RolloutBuffer
+from apil_core.training.attack_env import AttackEnv
+from apil_core.training.build import Attack
+from apil_core.training.rollout_buffer import RolloutBuffer
 
 
 class SideGames:

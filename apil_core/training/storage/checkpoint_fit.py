@@ -11,8 +11,8 @@ from apil_core.api.config import RunConfig
 from apil_core.common.errors import RunDirError
 from apil_core.config.absent import with_absent
 from apil_core.config.resolve import flatten
-from apil_core.distributed.world import World
 from apil_core.plugins.discovery import PluginRegistry
+from apil_core.training.distributed.world import World
 
 MAY_CHANGE = (
     *("steps", "threads", "device", "recorders", "checkpoint", "evaluation", "plugins", "init_from"),

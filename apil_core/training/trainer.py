@@ -13,17 +13,17 @@ from torch import Tensor
 from apil_core.api.method import Observer, RunPlugin
 from apil_core.api.policy import Policy
 from apil_core.api.types import Rollout
-from apil_core.build import Attack
 from apil_core.common.errors import PluginError
 from apil_core.common.torch_threads import side_by_side
-from apil_core.distributed.merging import merged
-from apil_core.distributed.replicas import Replicas
 from apil_core.doctor.processor import usable_cpus
-from apil_core.learner import MAIN_STREAM
-from apil_core.plugin_state import load_known_states, load_states, states_of
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.hook_manager import shown
-from apil_core.side_games import SideGames
+from apil_core.training.build import Attack
+from apil_core.training.distributed.merging import merged
+from apil_core.training.distributed.replicas import Replicas
+from apil_core.training.plugin_state import load_known_states, load_states, states_of
+from apil_core.training.ppo import MAIN_STREAM
+from apil_core.training.side_games import SideGames
 
 
 class Trainer:

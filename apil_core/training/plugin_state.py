@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from apil_core.checkpoint import to_tensors
 from apil_core.common.errors import ApilError, PluginError
 from apil_core.common.seeds import undisturbed
+from apil_core.training.storage.checkpoint import to_tensors
 
 if TYPE_CHECKING:
     from apil_core.api.method import RunPlugin

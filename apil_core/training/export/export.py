@@ -16,8 +16,6 @@ from typing import Literal
 
 import torch
 
-from apil_core import checkpoint
-from apil_core.adversary_file import to_bytes, without_folders
 from apil_core.api.config import RunConfig
 from apil_core.api.game import Game
 from apil_core.api.policy import Policy
@@ -27,11 +25,13 @@ from apil_core.common.extras import need
 from apil_core.common.files import write_atomically
 from apil_core.common.seeds import stream_seed
 from apil_core.config.absent import completed
-from apil_core.exported_network import Traced, onnx_bytes, torchscript_bytes, trace
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import default_plugins, load_policy, make_game
 from apil_core.policies.seats import victim_side
-from apil_core.trained import Source, run_path
+from apil_core.training.export.adversary_file import to_bytes, without_folders
+from apil_core.training.export.run_policy import Source, run_path
+from apil_core.training.export.traced_network import Traced, onnx_bytes, torchscript_bytes, trace
+from apil_core.training.storage import checkpoint
 
 Format = Literal["onnx", "torchscript", "safetensors"]
 

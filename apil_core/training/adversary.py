@@ -13,9 +13,9 @@ from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.api.types import OWN_GROUP, PRIVILEGED_GROUP, Context, Decision, View
 from apil_core.common.errors import PluginError
 from apil_core.common.seeds import stream_seed
-from apil_core.learner import Actor
-from apil_core.normalize import ObservationNormalizer
 from apil_core.plugins.hook_manager import RunHookManager, shown
+from apil_core.training.normalize import ObservationNormalizer
+from apil_core.training.ppo import Actor
 
 HOOK_STREAM = "evaluation hooks"
 """Random stream of stochastic hooks where there is no run."""

@@ -11,7 +11,7 @@ from types import TracebackType
 import torch
 
 from apil_core.common.errors import ApilError, ConfigError
-from apil_core.distributed.world import World
+from apil_core.training.distributed.world import World
 
 TIMEOUT = timedelta(minutes=30)
 """How long a process waits for another that is alive but says nothing, e.g. while the first one evaluates."""

@@ -1,0 +1,1 @@
+"""The environment of an attack, PPO, and what a run keeps."""
