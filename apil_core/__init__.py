@@ -53,8 +53,8 @@ _HOMES = {
         "absent",
     ),
     "apil_core.api.profiles": ("ProfiledOptions",),
-    "apil_core.evaluation": ("EvaluationResult",),
-    "apil_core.evaluator": ("evaluate",),
+    "apil_core.evaluation.score": ("EvaluationResult",),
+    "apil_core.evaluation.evaluator": ("evaluate",),
     "apil_core.runner": ("RunResult", "resume", "run"),
     "apil_core.plugins.registry": ("load_policy", "make_game"),
     "apil_core.policies.conformance": ("Conformance", "check_policy"),
@@ -128,7 +128,8 @@ if TYPE_CHECKING:
     from apil_core.common.errors import UnknownNameError as UnknownNameError
     from apil_core.common.errors import VictimError as VictimError
     from apil_core.common.torch_threads import side_by_side as side_by_side
-    from apil_core.evaluator import evaluate as evaluate
+    from apil_core.evaluation.evaluator import evaluate as evaluate
+    from apil_core.evaluation.results import EvaluationResult as EvaluationResult
     from apil_core.games.pettingzoo.options import PettingZooOptions as PettingZooOptions
     from apil_core.games.pettingzoo.plugin import pettingzoo_spec as pettingzoo_spec
     from apil_core.games.views import OpponentInsideEnv as OpponentInsideEnv
@@ -137,7 +138,6 @@ if TYPE_CHECKING:
     from apil_core.plugins.registry import make_game as make_game
     from apil_core.policies.conformance import Conformance as Conformance
     from apil_core.policies.conformance import check_policy as check_policy
-    from apil_core.results import EvaluationResult as EvaluationResult
     from apil_core.runner import RunResult as RunResult
     from apil_core.runner import resume as resume
     from apil_core.runner import run as run

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from apil_core.api.config import StopConfig
-from apil_core.results import EvaluationResult
+from apil_core.evaluation.results import EvaluationResult
 
 
 class EvaluationHistory:

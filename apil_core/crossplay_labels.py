@@ -8,7 +8,7 @@ from pathlib import Path
 
 from apil_core.api.specs import GameSpec
 from apil_core.common.errors import ConfigError
-from apil_core.crossplay_players import Names, run_config
+from apil_core.evaluation.crossplay.players import Names, run_config
 from apil_core.plugins.registry import default_plugins
 from apil_core.retraining.folder import RetrainDir, is_retraining
 

@@ -21,7 +21,7 @@ from apil_core.common.files import write_atomically
 from apil_core.curve_captions import Wording, legend
 from apil_core.curve_groups import CurveGroup
 from apil_core.curves import IMITATOR, RETURN, WIN, WIN_OR_TIE, Curve, Line
-from apil_core.results import Rate
+from apil_core.evaluation.results import Rate
 
 FORMATS = (".png", ".svg", ".pdf")
 """What pictures of curves can be written as."""

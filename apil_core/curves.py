@@ -11,8 +11,8 @@ from pydantic import BaseModel
 
 from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.config.game import stored_physics
+from apil_core.evaluation.results import EvaluationResult, Rate
 from apil_core.final_score import final_scores
-from apil_core.results import EvaluationResult, Rate
 from apil_core.training.episode_stats import WINDOW
 from apil_core.training.storage.recorders import read_metrics
 from apil_core.training.storage.run_dir import RunDir

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from apil_core.common.errors import RunDirError
-from apil_core.results import EvaluationResult
+from apil_core.evaluation.results import EvaluationResult
 from apil_core.training.storage.run_dir import RunDir
 
 

@@ -17,9 +17,9 @@ from apil_core.common.torch_threads import one_torch_thread
 from apil_core.config.absent import completed
 from apil_core.config.layers import POLICY_NAME
 from apil_core.config.resolve import complete
+from apil_core.evaluation.progress import Progress
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import default_plugins
-from apil_core.progress import Progress
 from apil_core.session import RunResult as RunResult
 from apil_core.session import Session
 from apil_core.training.build import build

@@ -17,10 +17,10 @@ from apil_core.common.files import sha256
 from apil_core.common.machine import resident_mb
 from apil_core.common.seeds import stream_seed
 from apil_core.common.torch_threads import one_torch_thread
+from apil_core.evaluation.progress import Progress
+from apil_core.evaluation.results import EvaluationResult
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.policies.seats import victim_name
-from apil_core.progress import Progress
-from apil_core.results import EvaluationResult
 from apil_core.stop_signal import Stopped, StopWish
 from apil_core.trainer_score import score_in_training
 from apil_core.training.distributed.join import in_contact

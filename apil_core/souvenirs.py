@@ -9,8 +9,8 @@ from typing import TypeVar
 from pydantic import BaseModel
 
 from apil_core.common.errors import ApilError
-from apil_core.progress import Progress
-from apil_core.results import EvaluationResult
+from apil_core.evaluation.progress import Progress
+from apil_core.evaluation.results import EvaluationResult
 from apil_core.training.storage.run_dir import RunDir
 
 Made = TypeVar("Made")
@@ -68,11 +68,11 @@ def _attempt(made: Souvenirs, lack: str, make: Callable[[], Made]) -> Made | Non
 
 
 def _own_opponent(run: RunDir, progress: Progress) -> EvaluationResult | None:
-    from apil_core.evaluator import evaluate
-    from apil_core.pairing import as_in_run
+    from apil_core.evaluation.evaluator import evaluate
+    from apil_core.evaluation.pairing import as_in_run
+    from apil_core.evaluation.results import observers_played
     from apil_core.plugins.default_victim import default_baseline
     from apil_core.plugins.discovery import discover
-    from apil_core.results import observers_played
 
     config = run.config()
     plugins = discover(config.plugins)
@@ -91,7 +91,7 @@ def _own_opponent(run: RunDir, progress: Progress) -> EvaluationResult | None:
 
 
 def _unseen(run: RunDir, progress: Progress) -> EvaluationResult:
-    from apil_core.evaluator import evaluate
+    from apil_core.evaluation.evaluator import evaluate
 
     config = run.config()
     return evaluate(
@@ -114,8 +114,8 @@ def _draw(run: RunDir) -> Path:
 
 
 def _film(run: RunDir, progress: Progress) -> Path:
-    from apil_core.pairing import load_pairing
-    from apil_core.show import Programme, show
+    from apil_core.evaluation.pairing import load_pairing
+    from apil_core.evaluation.video.recording import Programme, show
 
     config = run.config()
     path = run.won_game_path

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from types import FrameType
 
-from apil_core.progress import Progress
+from apil_core.evaluation.progress import Progress
 
 
 @contextmanager

@@ -19,9 +19,9 @@ from apil_core.api.types import OWN_GROUP, View
 from apil_core.common.errors import ConfigError
 from apil_core.common.seeds import stream_generator, stream_seed
 from apil_core.distillation.setting import spread_of
+from apil_core.evaluation.progress import Progress
+from apil_core.evaluation.results import EvaluationResult
 from apil_core.policies.seats import Taking, load_victim
-from apil_core.progress import Progress
-from apil_core.results import EvaluationResult
 
 if TYPE_CHECKING:
     from apil_core.training.trainer import Trainer

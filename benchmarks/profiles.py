@@ -22,7 +22,7 @@ import torch
 
 from apil_core.common.errors import ApilError, ConfigError, VictimError
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.pairing import Pairing, load_pairing
+from apil_core.evaluation.pairing import Pairing, load_pairing
 from apil_core.plugins.registry import default_plugins
 from apil_envs.options import PhysicsOptions
 

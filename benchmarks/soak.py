@@ -21,7 +21,7 @@ import numpy as np
 from apil_core import RunConfig, run
 from apil_core.api.config import EvaluationConfig, PPOConfig
 from apil_core.common.errors import ApilError, ConfigError
-from apil_core.progress import Progress
+from apil_core.evaluation.progress import Progress
 from apil_core.training.storage.run_dir import RunDir, environment
 
 MILLION = 1_000_000

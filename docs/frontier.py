@@ -11,7 +11,7 @@ from typing import Any
 from apil_core import ConfigError
 from apil_core.common.statistics import Difference, difference
 from apil_core.config.game import spelt_out
-from apil_core.fidelity_file import FidelityRow
+from apil_core.evaluation.fidelity.rows import FidelityRow
 from apil_core.plugins.registry import default_plugins
 from apil_envs.options import PhysicsProfile
 

@@ -11,8 +11,8 @@ import sys
 from pathlib import Path
 
 from apil_core.common.statistics import difference
-from apil_core.fidelity_file import FidelityRow, Figure, read_rows
-from apil_core.results import Rate
+from apil_core.evaluation.fidelity.rows import FidelityRow, Figure, read_rows
+from apil_core.evaluation.results import Rate
 
 HERE = Path(__file__).parent
 PAGE = HERE / "fidelity.md"

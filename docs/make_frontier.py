@@ -21,8 +21,8 @@ from matplotlib.figure import Figure
 from apil_core.common.colours import LINES
 from apil_core.common.errors import ApilError
 from apil_core.common.statistics import Difference
-from apil_core.fidelity_file import read_rows
-from apil_core.results import wilson
+from apil_core.evaluation.fidelity.rows import read_rows
+from apil_core.evaluation.results import wilson
 from apil_envs.options import PhysicsProfile
 
 HERE = Path(__file__).parent

@@ -13,9 +13,9 @@ from pathlib import Path
 
 from PIL import Image
 
-from apil_core.pairing import load_pairing
-from apil_core.show import Programme, show
-from apil_core.spectacle import Outcome
+from apil_core.evaluation.pairing import load_pairing
+from apil_core.evaluation.video.recording import Programme, show
+from apil_core.evaluation.video.single_game import Outcome
 
 HERE = Path(__file__).parent
 WIDTH, PANEL = 1600, (480, 320)

@@ -20,9 +20,9 @@ from apil_core.activations.sampling import game_means
 from apil_core.common.errors import ConfigError
 from apil_core.common.extras import need
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.crossplay_players import Names, SharedOptions
-from apil_core.evaluation import MAX_PARALLEL_GAMES
-from apil_core.progress import Progress
+from apil_core.evaluation.crossplay.players import Names, SharedOptions
+from apil_core.evaluation.progress import Progress
+from apil_core.evaluation.score import MAX_PARALLEL_GAMES
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def analyze(
         command: stored in the document.
         progress: told of the games played, over all opponents, and of what is done.
         options: ``env``, ``physics`` and the like for all games: see
-            :func:`apil_core.pairing.load_pairing`.
+            :func:`apil_core.evaluation.pairing.load_pairing`.
 
     Raises:
         ApilError: anything wrong with names or sizes, a victim that does not tell its activations, or

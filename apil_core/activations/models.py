@@ -7,7 +7,7 @@ from typing import Self
 from pydantic import BaseModel, model_validator
 
 from apil_core.common.documents import JsonDocument
-from apil_core.crossplay_document import Player
+from apil_core.evaluation.crossplay.document import Player
 
 
 class Gap(BaseModel):

@@ -9,13 +9,20 @@ from pathlib import Path
 from apil_core.activations.recording import Recorded, check_told, record
 from apil_core.api.config import RunConfig
 from apil_core.common.errors import ConfigError, VictimError
-from apil_core.crossplay_document import Player
-from apil_core.crossplay_players import Lineup, Names, SharedOptions, check_unchanged, line_up, run_config
-from apil_core.crossplay_progress import PartOfAll
-from apil_core.pairing import load_pairing
+from apil_core.evaluation.crossplay.document import Player
+from apil_core.evaluation.crossplay.players import (
+    Lineup,
+    Names,
+    SharedOptions,
+    check_unchanged,
+    line_up,
+    run_config,
+)
+from apil_core.evaluation.crossplay_progress import PartOfAll
+from apil_core.evaluation.pairing import load_pairing
+from apil_core.evaluation.progress import Progress
 from apil_core.plugins.discovery import discover
 from apil_core.plugins.registry import default_plugins
-from apil_core.progress import Progress
 
 BASELINE = "baseline"
 """Label of normal play."""

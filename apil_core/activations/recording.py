@@ -15,9 +15,9 @@ from apil_core.api.policy import Policy
 from apil_core.api.types import Decision, View
 from apil_core.common.errors import VictimError
 from apil_core.common.seeds import stream_seed
-from apil_core.pairing import Pairing
-from apil_core.play import play
-from apil_core.progress import Progress
+from apil_core.evaluation.pairing import Pairing
+from apil_core.evaluation.play import play
+from apil_core.evaluation.progress import Progress
 
 LAYER = "hidden"
 """Name of the last hidden layer, or an LSTM's h, among a policy's activations."""
@@ -53,7 +53,7 @@ class RecordingPolicy(Policy):
 
     Args:
         policy: the other one; it must tell its activations.
-        games: how many will be played by :func:`apil_core.play.play`, which hands them to free slots in
+        games: how many will be played by :func:`apil_core.evaluation.play.play`, which hands them to free slots in
             order; what a slot does beyond them is not kept.
 
     Raises:

@@ -16,9 +16,9 @@ from apil_core.common.numbers import short_number
 from apil_core.config.layers import Layer, flag_layer, preset_layer, set_layer, texts_in
 from apil_core.config.observers import with_observers
 from apil_core.config.resolve import plugin_files, resolve_layers
+from apil_core.evaluation.results import observers_played
 from apil_core.plugins.default_victim import default_baseline
 from apil_core.plugins.discovery import PluginRegistry, discover
-from apil_core.results import observers_played
 
 _UNSAFE = re.compile(r"[^A-Za-z0-9_.=,+-]+")
 

@@ -18,7 +18,7 @@ from apil_core.training.storage.run_dir import RunDir
 
 if TYPE_CHECKING:
     from apil_core.activations.models import ActivationMap
-    from apil_core.crossplay_document import CrossPlay
+    from apil_core.evaluation.crossplay.document import CrossPlay
 
 MATRIX_FILE = "matrix.yaml"
 
@@ -213,7 +213,7 @@ def read_score(directory: Path, name: str) -> Any:
     Raises:
         RunDirError: the file is damaged.
     """
-    from apil_core.results import EvaluationResult
+    from apil_core.evaluation.results import EvaluationResult
 
     path = score_path(directory, name)
     if not path.is_file():
@@ -238,7 +238,7 @@ def read_crossplay(bench: BenchDir, game: str) -> CrossPlay | None:
     Raises:
         ConfigError: its file is damaged.
     """
-    from apil_core.crossplay_document import CrossPlay
+    from apil_core.evaluation.crossplay.document import CrossPlay
 
     path = bench.crossplay_path(game)
     return CrossPlay.read(path) if path.is_file() else None

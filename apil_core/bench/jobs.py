@@ -12,7 +12,7 @@ from apil_core.bench.matrix import ScoreConfig
 from apil_core.training.storage.run_dir import RunDir
 
 if TYPE_CHECKING:
-    from apil_core.crossplay_document import CrossPlay
+    from apil_core.evaluation.crossplay.document import CrossPlay
 
 CELL, BASELINE, RETRAINING, CROSSPLAY, ACTIVATIONS, SNAPSHOTS = (
     "cells",
@@ -227,7 +227,7 @@ def matches(result: Any, wanted: ScoreConfig, cell: Cell, trained: int | None) -
     ``trained`` is ``None`` for the baseline, which has no run and so no run's observers.
     """
     from apil_core.config.game import stored_physics
-    from apil_core.results import observers_played, told
+    from apil_core.evaluation.results import observers_played, told
 
     if result is None:
         return False

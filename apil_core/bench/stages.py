@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 from apil_core.bench.cells import Cell
 from apil_core.common.errors import ConfigError
 from apil_core.config.game import without_physics
-from apil_core.progress import Progress
+from apil_core.evaluation.progress import Progress
 from apil_core.training.storage.run_dir import RunDir
 
 if TYPE_CHECKING:
     from apil_core.api.profiles import Profile
     from apil_core.bench.jobs import Ledger
-    from apil_core.crossplay_players import SharedOptions
+    from apil_core.evaluation.crossplay.players import SharedOptions
 from apil_core.bench.folder import read_crossplay
 
 BASELINE = "baseline"
@@ -58,7 +58,7 @@ def harden(ledger: Ledger, cell: Cell, threads: int, progress: Progress) -> bool
 
 def play_all(ledger: Ledger, game: str, threads: int, progress: Progress) -> None:
     """Every adversary of a game against its victims, the retrained ones included."""
-    from apil_core.crossplay import crossplay
+    from apil_core.evaluation.crossplay.crossplay import crossplay
 
     stage = ledger.benchmark.matrix.crossplay
     if stage is None:
@@ -122,8 +122,8 @@ def _shared(ledger: Ledger, game: str, threads: int, physics: Profile | None) ->
 
 def take_snapshots(ledger: Ledger, cell: Cell, progress: Progress) -> None:
     """A strip of pictures of a game the cell's adversary wins; of its first game if it wins none."""
-    from apil_core.pairing import load_pairing
-    from apil_core.show import Programme, show
+    from apil_core.evaluation.pairing import load_pairing
+    from apil_core.evaluation.video.recording import Programme, show
 
     path = ledger.bench.snapshot_path(cell.name)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -148,7 +148,7 @@ def take_snapshots(ledger: Ledger, cell: Cell, progress: Progress) -> None:
 def won_game(pairing: Any, seed: int) -> bool:
     """Whether the adversary wins one of the games a strip would be looked for in."""
     from apil_core.common.torch_threads import one_torch_thread
-    from apil_core.spectacle import Spectacle
+    from apil_core.evaluation.video.single_game import Spectacle
 
     with one_torch_thread(), pairing.attribution():
         pairing.game.seed(0)

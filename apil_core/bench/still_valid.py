@@ -10,7 +10,7 @@ from apil_core.bench.matrix import RetrainingStage
 from apil_core.common.errors import ConfigError
 
 if TYPE_CHECKING:
-    from apil_core.crossplay_document import CrossPlay, Player
+    from apil_core.evaluation.crossplay.document import CrossPlay, Player
 
 
 def same_player(one: str, other: str) -> bool:

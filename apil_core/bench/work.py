@@ -28,7 +28,7 @@ from apil_core.bench.matrix import ScoreConfig
 from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.config.game import without_physics
 from apil_core.config.resolve import differences
-from apil_core.progress import Progress
+from apil_core.evaluation.progress import Progress
 from apil_core.training.storage.run_dir import RunDir
 
 Outcome = Literal["done", "interrupted", "failed"]
@@ -162,8 +162,8 @@ class _Worker:
         config: RunConfig | None = None,
     ) -> None:
         """Play and keep scores; ``config`` says what a named policy plays."""
-        from apil_core.evaluator import evaluate
-        from apil_core.pairing import PairingOptions, as_in_run
+        from apil_core.evaluation.evaluator import evaluate
+        from apil_core.evaluation.pairing import PairingOptions, as_in_run
 
         for name, wanted in scores.items():
             options: PairingOptions = {} if config is None else as_in_run(config, self.benchmark.plugins)

@@ -17,7 +17,7 @@ from apil_core.common.errors import ConfigError
 
 if TYPE_CHECKING:
     from apil_core.activations.models import ActivationMap, LogLikelihood
-    from apil_core.crossplay_players import SharedOptions
+    from apil_core.evaluation.crossplay.players import SharedOptions
 
 app = sub_app("analyze", "Look inside: the victim's activations against each opponent.")
 

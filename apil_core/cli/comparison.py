@@ -10,8 +10,8 @@ from pydantic import BaseModel
 
 from apil_core.common.statistics import Difference, difference
 from apil_core.config.game import stored_game, stored_physics
+from apil_core.evaluation.results import EvaluationResult, Rate, in_words, told
 from apil_core.final_score import final_score
-from apil_core.results import EvaluationResult, Rate, in_words, told
 from apil_core.same_attack import seed_groups
 from apil_core.training.storage.run_dir import RunDir
 

@@ -15,7 +15,7 @@ from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
 
 if TYPE_CHECKING:
-    from apil_core.crossplay_players import SharedOptions
+    from apil_core.evaluation.crossplay.players import SharedOptions
 
 _WHO = Group("Who plays", sort_key=0)
 WHERE = Group("In which game; the same one for all", sort_key=1)
@@ -102,11 +102,11 @@ def crossplay(
     """
     from apil_core.cli.crossplay_table import print_crossplay
     from apil_core.common.files import check_place
-    from apil_core.crossplay import crossplay as play
-    from apil_core.crossplay_document import comparisons
     from apil_core.crossplay_labels import labelled
-    from apil_core.crossplay_picture import draw_crossplay
     from apil_core.curve_picture import check_picture
+    from apil_core.evaluation.crossplay.crossplay import crossplay as play
+    from apil_core.evaluation.crossplay.document import comparisons
+    from apil_core.evaluation.crossplay.heat_map import draw_crossplay
 
     if picture is not None:
         check_picture(picture)

@@ -9,14 +9,14 @@ from apil_core.cli.output import console, table
 from apil_core.cli.readout import percent, physics
 
 if TYPE_CHECKING:
-    from apil_core.crossplay_document import CrossPlay
+    from apil_core.evaluation.crossplay.document import CrossPlay
 
 _UP, _LEFT = "≈↑", "≈←"
 
 
 def print_crossplay(document: CrossPlay, out: Path | None = None, picture: Path | None = None) -> None:
     """A row for each adversary and share, a column for each victim; then who they are."""
-    from apil_core.crossplay_document import SHARES, share_of
+    from apil_core.evaluation.crossplay.document import SHARES, share_of
 
     screen, some = console(), document.played[0]
     title = f"{document.env}, {some.episodes:,} games a cell, the adversary's share{physics(some)}"
@@ -53,7 +53,7 @@ def print_crossplay(document: CrossPlay, out: Path | None = None, picture: Path 
 
 def _marks(document: CrossPlay) -> dict[tuple[str, str, str], str]:
     """What a cell does not differ from by more than noise, by share, adversary and victim."""
-    from apil_core.crossplay_document import comparisons
+    from apil_core.evaluation.crossplay.document import comparisons
 
     marks: dict[tuple[str, str, str], list[str]] = {}
     for each in comparisons(document):

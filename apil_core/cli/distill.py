@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from apil_core.common.statistics import Difference
     from apil_core.distillation.report import Report
     from apil_core.distillation.trainer import Entry
+    from apil_core.evaluation.progress import Progress
     from apil_core.plugins.discovery import PluginRegistry
-    from apil_core.progress import Progress
 
 _WHO = Group("Who learns from whom", sort_key=0)
 _HOW = Group("How", sort_key=1)

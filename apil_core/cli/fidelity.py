@@ -15,8 +15,8 @@ from apil_core.cli.readout import percent
 
 if TYPE_CHECKING:
     from apil_core.api.specs import GameSpec
-    from apil_core.fidelity_file import FidelityRow, Figure
-    from apil_core.fidelity_plan import SkippedMatchup
+    from apil_core.evaluation.fidelity.plan import SkippedMatchup
+    from apil_core.evaluation.fidelity.rows import FidelityRow, Figure
     from apil_core.plugins.discovery import PluginRegistry
 
 WEIGHTS_MISSING = 1
@@ -59,9 +59,9 @@ def fidelity(
     Scores are the adversary's, with Wilson 95 % intervals; differences are measured minus published,
     with Newcombe 95 % intervals. "agrees" means that 0 lies in that interval, and no more than that.
     """
-    from apil_core.fidelity import missing_policy, play_rows
-    from apil_core.fidelity_file import FidelityFile
-    from apil_core.fidelity_plan import PlanRequest, plan_rows
+    from apil_core.evaluation.fidelity.plan import PlanRequest, plan_rows
+    from apil_core.evaluation.fidelity.play import missing_policy, play_rows
+    from apil_core.evaluation.fidelity.rows import FidelityFile
     from apil_core.plugins.discovery import discover
 
     plugins = discover(plugin or [])
@@ -97,7 +97,7 @@ def _games(plugins: PluginRegistry, names: list[str] | None) -> list[GameSpec]:
 def _check_profiles(games: list[GameSpec]) -> None:
     """Games named by the user must have profiles; others would just be skipped."""
     from apil_core.common.errors import ConfigError
-    from apil_core.fidelity_plan import no_profiles
+    from apil_core.evaluation.fidelity.plan import no_profiles
 
     for reason in filter(None, map(no_profiles, games)):
         raise ConfigError(reason)

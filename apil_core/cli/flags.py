@@ -15,7 +15,7 @@ from apil_core.config.layers import located, preset_names
 
 if TYPE_CHECKING:
     from apil_core.config.layers import Layer
-    from apil_core.pairing import PairingOptions
+    from apil_core.evaluation.pairing import PairingOptions
     from apil_core.plugins.discovery import PluginRegistry
 
 _SETTINGS = Group("What to train", sort_key=0)
@@ -182,7 +182,7 @@ class PairingFlags:
     plugin: Plugins = field(default_factory=list)
 
     def options(self) -> PairingOptions:
-        """As keywords of :func:`apil_core.pairing.load_pairing`."""
+        """As keywords of :func:`apil_core.evaluation.pairing.load_pairing`."""
         return {
             "env": self.env,
             "victim": self.victim,

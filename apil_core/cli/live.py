@@ -25,7 +25,7 @@ from apil_core.cli.plain import ConsoleProgress
 
 if TYPE_CHECKING:
     from apil_core.api.config import RunConfig
-    from apil_core.results import EvaluationResult
+    from apil_core.evaluation.results import EvaluationResult
 
 _SPEED_WINDOW = 120.0
 """Seconds the time left is estimated from: long enough to smooth over checkpoints and evaluations."""

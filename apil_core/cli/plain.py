@@ -11,11 +11,11 @@ from apil_core.cli import readout
 
 if TYPE_CHECKING:
     from apil_core.api.config import RunConfig
-    from apil_core.results import EvaluationResult
+    from apil_core.evaluation.results import EvaluationResult
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from apil_core.progress import Progress
+from apil_core.evaluation.progress import Progress
 from apil_core.training.distributed.world import World
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
 
 if TYPE_CHECKING:
-    from apil_core.pairing import PairingOptions
-    from apil_core.show import PlayResult, Programme
+    from apil_core.evaluation.pairing import PairingOptions
+    from apil_core.evaluation.video.recording import PlayResult, Programme
 
 _WHERE = Group("Where to (a window, unless a file is named)", sort_key=2)
 
@@ -41,13 +41,13 @@ class Screen:
     fps: Annotated[float, Parameter(group=_WHERE, help="About so many frames a second.")] = 30.0
 
     def programme(self, **which: Any) -> Programme:
-        """What is to be shown; ``which`` are the other fields of :class:`apil_core.show.Programme`.
+        """What is to be shown; ``which`` are the other fields of :class:`apil_core.evaluation.video.recording.Programme`.
 
         Raises:
             ConfigError: a file without pictures to write to it.
         """
         from apil_core.common.errors import ConfigError
-        from apil_core.show import Programme
+        from apil_core.evaluation.video.recording import Programme
 
         if self.out is not None and self.snapshots is None:
             raise ConfigError("--out names the file of --snapshots N, which is missing")
@@ -86,8 +86,8 @@ def play(
     from apil_core.common.extras import need
 
     need("PIL", "pillow", "pictures")
-    from apil_core.pairing import load_pairing
-    from apil_core.show import show
+    from apil_core.evaluation.pairing import load_pairing
+    from apil_core.evaluation.video.recording import show
 
     programme = (screen or Screen()).programme(seed=seed, episodes=episodes, until=until)
     programme.check()

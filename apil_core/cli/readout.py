@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from apil_core.api.profiles import FAITHFUL
 
 if TYPE_CHECKING:
-    from apil_core.results import Circumstances, EvaluationResult, Rate
+    from apil_core.evaluation.results import Circumstances, EvaluationResult, Rate
 
 _ENDINGS_KEPT = 50
 """Iterations over which endings are summed up: one alone has only a few games."""
@@ -34,7 +34,7 @@ def outcomes(metrics: Mapping[str, float]) -> dict[str, str]:
 
     The adversary's, or in a retraining the victim's.
     """
-    from apil_core.results import wilson
+    from apil_core.evaluation.results import wilson
 
     games = int(metrics.get("window_games", 0))
     if not games:

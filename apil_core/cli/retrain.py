@@ -19,8 +19,8 @@ from apil_core.common.errors import ApilError, RunDirError
 from apil_core.retraining.options import RetrainConfig
 
 if TYPE_CHECKING:
+    from apil_core.evaluation.results import EvaluationResult
     from apil_core.plugins.discovery import PluginRegistry
-    from apil_core.results import EvaluationResult
     from apil_core.retraining.result import RetrainResult
 
 _WHO = Group("Who is hardened against whom", sort_key=0)
@@ -188,7 +188,7 @@ def _draw_curve(result: RetrainResult, *, silent: bool) -> None:
 
 
 def _victims_view(score: EvaluationResult) -> tuple[str, str, str]:
-    from apil_core.results import wilson
+    from apil_core.evaluation.results import wilson
 
     not_lost = wilson(score.losses + score.ties, score.episodes)
     return str(score.episodes), percent(score.loss_rate), percent(not_lost)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 from apil_core.api.profiles import FAITHFUL
 from apil_core.cli.output import console, table
 from apil_core.cli.readout import physics
-from apil_core.results import in_words
+from apil_core.evaluation.results import in_words
 
 if TYPE_CHECKING:
-    from apil_core.results import EvaluationResult
+    from apil_core.evaluation.results import EvaluationResult
 
 _HOW = {"sample": "sampled", "mode": "mode"}
 

@@ -18,13 +18,13 @@ from apil_core.distillation.report import Report, make_report, score_of
 from apil_core.distillation.setting import Setting, named, prepare
 from apil_core.distillation.trainer import Entry, Standard
 from apil_core.distillation.workspace import Workspace
-from apil_core.evaluation import MAX_PARALLEL_GAMES
+from apil_core.evaluation.progress import Progress
+from apil_core.evaluation.results import EvaluationResult
+from apil_core.evaluation.score import MAX_PARALLEL_GAMES
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import default_plugins, make_game
 from apil_core.policies.student import load_file, save_file, weights_sha256
 from apil_core.policies.student_policy import StudentPolicy
-from apil_core.progress import Progress
-from apil_core.results import EvaluationResult
 from apil_core.training.storage.run_dir import environment
 
 OnStage = Callable[[Entry, int], None]

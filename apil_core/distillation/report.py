@@ -16,10 +16,10 @@ from apil_core.common.statistics import Difference, difference
 from apil_core.distillation.collector import Cast, Sample
 from apil_core.distillation.learner import kl_nats
 from apil_core.distillation.setting import Setting
-from apil_core.evaluation import score
-from apil_core.pairing import Pairing
-from apil_core.progress import Progress
-from apil_core.results import EvaluationResult
+from apil_core.evaluation.pairing import Pairing
+from apil_core.evaluation.progress import Progress
+from apil_core.evaluation.results import EvaluationResult
+from apil_core.evaluation.score import score
 
 
 class ActionError(BaseModel):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from apil_core.evaluation.results import EvaluationResult
 from apil_core.report.cells import cell, seed_score, seed_scores
 from apil_core.report.grouping import Groups, blinding
 from apil_core.report.labels import cell_marks
@@ -12,7 +13,6 @@ from apil_core.report.published import published
 from apil_core.report.settings import Key
 from apil_core.report.sources import Sources
 from apil_core.report.statistics import compared, verdict
-from apil_core.results import EvaluationResult
 
 BASELINE = "baseline"
 _TITLES = {1: "Adversaries against the victim", 2: "Blinded adversaries against the victim"}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from apil_core.curves import WIN_OR_TIE
+from apil_core.evaluation.results import Rate
 from apil_core.report.attack_tables import BASELINE
 from apil_core.report.courses import RATIO, UNEVEN
 from apil_core.report.grouping import Groups
@@ -23,7 +24,6 @@ from apil_core.report.published import published
 from apil_core.report.settings import Key, changed_options, game_of
 from apil_core.report.statistics import ENOUGH_SEEDS, compared
 from apil_core.report.words import amount, percent, several
-from apil_core.results import Rate
 
 TIES = 0.9
 """Share of win+tie from which it is said how many of them are ties."""

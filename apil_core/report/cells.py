@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from apil_core.evaluation.results import EvaluationResult
 from apil_core.report.grouping import Scored
 from apil_core.report.models import Cell, Figure, SeedScore, Side
 from apil_core.report.published import published
 from apil_core.report.statistics import compared, published_rate, share, verdict
-from apil_core.results import EvaluationResult
 
 
 def seed_scores(members: Sequence[Scored]) -> list[SeedScore]:

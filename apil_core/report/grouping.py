@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from apil_core.config.resolve import differences
+from apil_core.evaluation.results import EvaluationResult
 from apil_core.report.settings import Key, conditions, key_of
 from apil_core.report.sources import Run
-from apil_core.results import EvaluationResult
 from apil_core.same_attack import seed_groups
 
 _UNTOLD = ("seed", "threads", "device", "recorders", "log_rows", "trust")

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 from apil_core.bench.jobs import labels
 from apil_core.common.errors import ApilError
-from apil_core.crossplay_document import CrossPlay, Player
+from apil_core.evaluation.crossplay.document import CrossPlay, Player
+from apil_core.evaluation.results import EvaluationResult
 from apil_core.report.attack_tables import BASELINE
 from apil_core.report.cells import cell, seed_score
 from apil_core.report.labels import cell_marks, setting_notes
@@ -18,7 +19,6 @@ from apil_core.report.settings import key_of, victim_kind
 from apil_core.report.sources import Sources, StoredBench
 from apil_core.report.statistics import share
 from apil_core.report.words import amount, budget_mark
-from apil_core.results import EvaluationResult
 from apil_core.retraining.folder import RetrainDir
 from apil_core.retraining.options import RetrainConfig
 

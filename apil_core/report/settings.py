@@ -13,9 +13,9 @@ from apil_core.common.errors import ApilError
 from apil_core.config.game import game_model, profile_keys
 from apil_core.config.layers import flag_layer
 from apil_core.config.resolve import differences, flatten, resolve_layers
+from apil_core.evaluation.results import EvaluationResult, in_words, observers_played
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.report.sources import Run
-from apil_core.results import EvaluationResult, in_words, observers_played
 
 _FREE = (
     *(

@@ -15,8 +15,8 @@ from apil_core.bench.jobs import Job, make_jobs
 from apil_core.bench.matrix import PLAIN, Matrix
 from apil_core.common.errors import ApilError, ConfigError, RunDirError
 from apil_core.config.game import stored_physics
+from apil_core.evaluation.results import EvaluationResult, told
 from apil_core.final_score import final_score
-from apil_core.results import EvaluationResult, told
 from apil_core.training.storage.run_dir import RunDir
 
 

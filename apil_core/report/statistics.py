@@ -8,8 +8,8 @@ from math import hypot
 import numpy as np
 
 from apil_core.common.statistics import Difference
+from apil_core.evaluation.results import Rate, wilson
 from apil_core.report.models import Share, Verdict
-from apil_core.results import Rate, wilson
 
 ENOUGH_SEEDS = 3
 """Below so many the spread over seeds cannot be told."""

@@ -10,10 +10,10 @@ from apil_core.api.config import RunConfig
 from apil_core.common.errors import ApilError
 from apil_core.common.machine import resident_mb
 from apil_core.common.torch_threads import one_torch_thread
+from apil_core.evaluation.progress import Progress
+from apil_core.evaluation.results import EvaluationResult, PolicyId
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.policies.student import load_file, save_file
-from apil_core.progress import Progress
-from apil_core.results import EvaluationResult, PolicyId
 from apil_core.retraining.folder import RetrainDir
 from apil_core.retraining.hardened import name_of
 from apil_core.retraining.result import RetrainResult

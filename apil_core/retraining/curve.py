@@ -12,7 +12,7 @@ from apil_core.config.game import PHYSICS
 from apil_core.curve_captions import Wording
 from apil_core.curve_groups import CurveGroup
 from apil_core.curves import LEAST_GAMES, Curve, ScorePoint, shares
-from apil_core.results import EvaluationResult, wilson
+from apil_core.evaluation.results import EvaluationResult, wilson
 from apil_core.retraining.folder import RetrainDir
 from apil_core.retraining.options import RetrainConfig
 from apil_core.retraining.tally import MIXED

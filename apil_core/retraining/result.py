@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import BaseModel
 
-from apil_core.results import EvaluationResult, PolicyId
+from apil_core.evaluation.results import EvaluationResult, PolicyId
 
 
 class RetrainResult(BaseModel):

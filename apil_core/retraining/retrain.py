@@ -11,9 +11,9 @@ from pydantic import ValidationError
 from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.config.absent import with_absent
 from apil_core.config.problems import problems_of
+from apil_core.evaluation.progress import Progress
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import default_plugins
-from apil_core.progress import Progress
 from apil_core.retraining.course import RetrainCourse
 from apil_core.retraining.folder import RetrainDir
 from apil_core.retraining.options import RetrainConfig

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import torch
 
-from apil_core.evaluator import evaluate
+from apil_core.evaluation.evaluator import evaluate
+from apil_core.evaluation.progress import Progress
+from apil_core.evaluation.results import EvaluationResult
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.progress import Progress
-from apil_core.results import EvaluationResult
 from apil_core.retraining.options import RetrainConfig
 
 

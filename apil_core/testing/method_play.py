@@ -7,10 +7,10 @@ import torch
 from torch import Tensor
 
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.evaluation import score
-from apil_core.pairing import Pairing, load_pairing
+from apil_core.evaluation.pairing import Pairing, load_pairing
+from apil_core.evaluation.results import EvaluationResult
+from apil_core.evaluation.score import score
 from apil_core.policies.conformance import check_policy
-from apil_core.results import EvaluationResult
 from apil_core.testing.method_runs import Watched
 from apil_core.testing.promises import METHOD_PROMISES, promised
 from apil_core.testing.subject import Subject

@@ -11,9 +11,9 @@ from apil_core.api.config import RunConfig
 from apil_core.api.specs import MethodSpec, load
 from apil_core.common.errors import PluginError, UnknownNameError
 from apil_core.config.resolve import complete
+from apil_core.evaluation.progress import Progress
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.hook_manager import RunHookManager
-from apil_core.progress import Progress
 from apil_core.session import Session
 from apil_core.testing.promises import METHOD_PROMISES, ContractError, Promise, promised
 from apil_core.testing.tiny import tiny_config

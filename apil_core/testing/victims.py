@@ -17,12 +17,12 @@ from apil_core.api.game import Game
 from apil_core.api.policy import Policy
 from apil_core.api.types import View
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.evaluator import evaluate
+from apil_core.evaluation.evaluator import evaluate
+from apil_core.evaluation.results import EvaluationResult
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
 from apil_core.policies.conformance import examine
 from apil_core.policies.seats import Taking, load_victim
-from apil_core.results import EvaluationResult
 from apil_core.testing.promises import VICTIM_PROMISES, ContractError, promised
 from apil_core.testing.reports import VictimReport
 from apil_core.testing.subject import registry_with

@@ -12,7 +12,7 @@ import torch
 from apil_core.api.policy import Policy
 from apil_core.api.types import Decision, View
 from apil_core.common.seeds import stream_seed
-from apil_core.pairing import Pairing, load_pairing
+from apil_core.evaluation.pairing import Pairing, load_pairing
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import game_spec
 from apil_core.training.rewards import dense_share, resolve_weights, training_reward

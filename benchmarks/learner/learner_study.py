@@ -22,7 +22,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from apil_core.results import wilson
+from apil_core.evaluation.results import wilson
 from apil_core.training.storage.recorders import read_metrics
 
 VARIANTS = Path(__file__).with_name("variants.yaml")

@@ -17,7 +17,7 @@ from apil_core.bench.still_valid import check_same_retraining
 from apil_core.cli.bench_run import _same_as_stored
 from apil_core.common.errors import ConfigError
 from apil_core.common.numbers import whole_number
-from apil_core.crossplay_document import CrossPlay
+from apil_core.evaluation.crossplay.document import CrossPlay
 from tests.bench.small_matrix import Here, small_matrix
 
 GAME = "toy-pursuit"

@@ -116,7 +116,7 @@ def test_a_window_shows_the_games_until_it_is_closed(
     monkeypatch.setattr(
         ToyPursuit, "open_window", lambda self, row, wanted: asked.append((row, wanted)) or glass
     )
-    monkeypatch.setattr("apil_core.audience.HELD", 0.0)
+    monkeypatch.setattr("apil_core.evaluation.video.viewers.HELD", 0.0)
     done = apil("play", *TOY, "--speed", speed, "--json")
     assert done.code == 0, done.err
     assert asked == [(0, (colours.VICTIM, colours.ADVERSARY))]

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from apil_core.cli.finish import finish
-from apil_core.progress import Progress
+from apil_core.evaluation.progress import Progress
 from apil_core.runner import RunResult
 from apil_core.souvenirs import make_souvenirs
 from apil_core.training.storage.run_dir import RunDir

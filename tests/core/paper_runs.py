@@ -33,7 +33,7 @@ def write_run(path: Path, rows: list[dict[str, float]], method: str = "adrl", **
 
 def score(steps: int, wins: int, ties: int, losses: int, victim: str = VICTIM) -> dict[str, Any]:
     """What ``result.json`` holds after a run of so many steps with that score."""
-    from apil_core.results import EvaluationResult, wilson
+    from apil_core.evaluation.results import EvaluationResult, wilson
 
     games = wins + ties + losses
     counts = {"win": wins, "tie": ties, "loss": losses, "win_or_tie": wins + ties}

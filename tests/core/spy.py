@@ -7,9 +7,9 @@ import torch
 
 from apil_core import Decision, Game, Policy, PolicyInfo, RunConfig, View
 from apil_core.api.config import BlindMode
-from apil_core.blinding import make_blinding
-from apil_core.pairing import Pairing
-from apil_core.play import Blinding, play
+from apil_core.evaluation.blinding import make_blinding
+from apil_core.evaluation.pairing import Pairing
+from apil_core.evaluation.play import Blinding, play
 from apil_core.plugins.hook_manager import RunHookManager
 
 

@@ -20,8 +20,8 @@ from apil_core.activations.models import ActivationMap
 from apil_core.activations.picture import draw_activations
 from apil_core.activations.recording import RecordingPolicy, record
 from apil_core.activations.sampling import even_sample, game_means
-from apil_core.pairing import load_pairing
-from apil_core.progress import Progress
+from apil_core.evaluation.pairing import load_pairing
+from apil_core.evaluation.progress import Progress
 from apil_core.runner import run
 from core.small_runs import small_config
 

@@ -13,8 +13,8 @@ from pydantic import ValidationError
 from apil_core import RunConfig, RunDirError, evaluate, resume, run
 from apil_core.api.config import EvaluationConfig, StopConfig
 from apil_core.best import EvaluationHistory
-from apil_core.progress import Progress
-from apil_core.results import EvaluationResult, wilson
+from apil_core.evaluation.progress import Progress
+from apil_core.evaluation.results import EvaluationResult, wilson
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.run_dir import RunDir
 from core.small_runs import small_config

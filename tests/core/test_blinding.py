@@ -11,8 +11,8 @@ import torch
 
 from apil_apil.imitator import Imitator
 from apil_core import ApilError, GameSpec, Method, View, evaluate, hookimpl, make_game, run
-from apil_core.blinding import typical_start
-from apil_core.play import Blinding
+from apil_core.evaluation.blinding import typical_start
+from apil_core.evaluation.play import Blinding
 from apil_core.plugins.hook_manager import RunHookManager
 from core.small_runs import small_config
 from core.spy import play_spied, spied_pairing

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from apil_core import ApilError, Decision, GameStep, evaluate, make_game, run
-from apil_core.play import Players, Seat, play
-from apil_core.results import wilson
+from apil_core.evaluation.play import Players, Seat, play
+from apil_core.evaluation.results import wilson
 from core.small_runs import small_config
 
 

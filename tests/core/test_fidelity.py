@@ -10,12 +10,12 @@ import pytest
 
 from apil_core import ConfigError, GameSpec, Matchup, PublishedScore, Section
 from apil_core.common.statistics import difference
-from apil_core.fidelity import missing_policy, play_rows, summary
-from apil_core.fidelity_file import FidelityFile, FidelityRow
-from apil_core.fidelity_plan import Plan, PlanRequest, RowPlan, plan_rows, switches
+from apil_core.evaluation.fidelity.plan import Plan, PlanRequest, RowPlan, plan_rows, switches
+from apil_core.evaluation.fidelity.play import missing_policy, play_rows, summary
+from apil_core.evaluation.fidelity.rows import FidelityFile, FidelityRow
+from apil_core.evaluation.progress import Progress
+from apil_core.evaluation.results import EvaluationResult, wilson
 from apil_core.plugins.discovery import PluginRegistry, discover
-from apil_core.progress import Progress
-from apil_core.results import EvaluationResult, wilson
 
 VICTIM = "scripted:toy-pursuit/evader/v1"
 PUBLISHED = PublishedScore(30, 40, 100, "made up", adversary_actions="mode")

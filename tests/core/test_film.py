@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from apil_core import ApilError
-from apil_core.film import Film, check_film, pace
+from apil_core.evaluation.video.mp4 import Film, check_film, pace
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import pytest
 from apil_core import ConfigError, GameSpec, Matchup, ProfiledOptions, RunConfig
 from apil_core.config.game import overlaid, spelt_out, with_game_options
 from apil_core.config.resolve import resolve
-from apil_core.fidelity_plan import PlanRequest, plan_rows, switches
+from apil_core.evaluation.fidelity.plan import PlanRequest, plan_rows, switches
 from apil_core.plugins.discovery import PluginRegistry
 
 

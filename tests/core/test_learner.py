@@ -12,8 +12,8 @@ from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
 
 from apil_core.api.types import PRIVILEGED_GROUP, DiagonalGaussian
+from apil_core.evaluation.progress import Progress
 from apil_core.plugins.registry import default_plugins
-from apil_core.progress import Progress
 from apil_core.training.attack_env import AttackEnv
 from apil_core.training.build import build
 from apil_core.training.ppo import Actor, Learner

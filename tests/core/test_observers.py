@@ -335,7 +335,7 @@ def test_it_cannot_be_named_like_a_plugin_that_is_one_itself(
 
 
 def test_a_score_from_before_they_were_told_was_played_with_the_runs(drifting: PluginRegistry) -> None:
-    from apil_core.results import told
+    from apil_core.evaluation.results import told
 
     config = complete(small_config("adrl", observers=("drift",)), drifting)
     score = evaluate("random", episodes=2, env="toy-pursuit", plugins=drifting)

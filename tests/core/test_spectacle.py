@@ -10,10 +10,10 @@ import torch
 
 from apil_core import ApilError, ConfigError, run
 from apil_core.common.seeds import stream_seed
-from apil_core.pairing import Pairing, load_pairing
-from apil_core.play import play
-from apil_core.show import Programme, show
-from apil_core.spectacle import Moment, Spectacle
+from apil_core.evaluation.pairing import Pairing, load_pairing
+from apil_core.evaluation.play import play
+from apil_core.evaluation.video.recording import Programme, show
+from apil_core.evaluation.video.single_game import Moment, Spectacle
 from apil_core.training.storage.run_dir import RunDir
 from core.small_runs import small_config
 

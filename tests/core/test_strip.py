@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from apil_core import ApilError, caption
-from apil_core.caption import Cast, Score
+from apil_core import ApilError
 from apil_core.common import colours
-from apil_core.spectacle import Moment, Outcome, PlayedGame
-from apil_core.strip import Strip, check_strip, chosen_steps
+from apil_core.evaluation.video import overlay as caption
+from apil_core.evaluation.video.contact_sheet import Strip, check_strip, chosen_steps
+from apil_core.evaluation.video.overlay import Cast, Score
+from apil_core.evaluation.video.single_game import Moment, Outcome, PlayedGame
 
 
 def ended(outcome: Outcome) -> PlayedGame:

@@ -19,7 +19,7 @@ import psutil
 import pytest
 
 from apil_core import ApilError, resume, run
-from apil_core.progress import Progress
+from apil_core.evaluation.progress import Progress
 from apil_core.trackers import tracked
 from apil_core.training.storage.metrics_log import RowLog
 from apil_core.training.storage.recorders import JsonlRecorder, read_metrics

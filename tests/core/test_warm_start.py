@@ -11,8 +11,8 @@ import torch
 
 from apil_core import ConfigError, RunConfig, VictimError, resume, run
 from apil_core.api.types import OWN_GROUP, View
+from apil_core.evaluation.progress import Progress
 from apil_core.plugins.registry import default_plugins
-from apil_core.progress import Progress
 from apil_core.training.build import build
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.run_dir import RunDir

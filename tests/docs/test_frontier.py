@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from apil_core.common.errors import ConfigError
-from apil_core.fidelity_file import FidelityRow
-from apil_core.fidelity_plan import RowPlan
-from apil_core.results import EvaluationResult, wilson
+from apil_core.evaluation.fidelity.plan import RowPlan
+from apil_core.evaluation.fidelity.rows import FidelityRow
+from apil_core.evaluation.results import EvaluationResult, wilson
 from docs.pages import ROOT
 
 A, V = "zoo:sumo-ants/fighter/v2", "zoo:sumo-ants/fighter/v1"

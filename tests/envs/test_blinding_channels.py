@@ -11,7 +11,7 @@ import torch
 from core.spy import Spy, play_spied
 
 from apil_core import Game, View
-from apil_core.play import Blinding
+from apil_core.evaluation.play import Blinding
 from apil_core.plugins.registry import default_plugins, make_game
 from apil_envs.game_base import MujocoGame
 from apil_envs.toy import ToyPursuit

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from apil_core import make_game
 from apil_core.config.game import spelt_out
 from apil_core.config.schema import options_model
-from apil_core.fidelity_file import read_rows
+from apil_core.evaluation.fidelity.rows import read_rows
 from apil_core.plugins.registry import default_plugins
 from apil_envs.game_base import MujocoGame
 from apil_envs.options import PhysicsOptions, PhysicsProfile

@@ -14,12 +14,12 @@ from apil_core.api.config import RunConfig
 from apil_core.bench.cells import Cell, resolve_matrix
 from apil_core.bench.folder import BenchDir, write_score
 from apil_core.bench.matrix import Matrix
-from apil_core.crossplay_document import CrossPlay, Player
+from apil_core.evaluation.crossplay.document import CrossPlay, Player
+from apil_core.evaluation.results import EvaluationResult, wilson
 from apil_core.report import cells
 from apil_core.report.evidence import gather
 from apil_core.report.models import Evidence, Side, Table
 from apil_core.report.paper_claims import ORDER
-from apil_core.results import EvaluationResult, wilson
 from apil_core.retraining.folder import RetrainDir
 from apil_core.retraining.options import RetrainConfig
 from apil_core.training.storage.recorders import JsonlRecorder

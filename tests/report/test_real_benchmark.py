@@ -15,8 +15,8 @@ from apil_core.bench.matrix import Matrix
 from apil_core.bench.work import perform
 from apil_core.cli.bench_report import report
 from apil_core.common.errors import ApilError
+from apil_core.evaluation.results import PolicyId
 from apil_core.report.evidence import gather
-from apil_core.results import PolicyId
 
 TOY = "toy-pursuit"
 EPISODES = 40

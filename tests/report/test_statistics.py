@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from apil_core.common.statistics import difference
+from apil_core.evaluation.results import wilson
 from apil_core.report.statistics import (
     compared,
     interquartile_mean,
@@ -13,7 +14,6 @@ from apil_core.report.statistics import (
     stratified_interval,
     verdict,
 )
-from apil_core.results import wilson
 
 
 def test_one_seed_has_wilsons_interval_and_no_spread() -> None:

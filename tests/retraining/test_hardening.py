@@ -8,7 +8,7 @@ import pytest
 
 from apil_core.common.errors import RunDirError
 from apil_core.common.statistics import difference
-from apil_core.results import EvaluationResult
+from apil_core.evaluation.results import EvaluationResult
 from apil_core.retraining.curve import draw_opponents, read_opponents
 from apil_core.retraining.folder import RetrainDir
 from apil_core.retraining.result import RetrainResult

@@ -14,7 +14,7 @@ import torch
 from core.small_runs import differences, small_config
 
 from apil_core import ConfigError, RunDirError, VictimError, evaluate, load_policy, resume, run
-from apil_core.progress import Progress
+from apil_core.evaluation.progress import Progress
 from apil_core.retraining.folder import RetrainDir
 from apil_core.retraining.options import RetrainConfig
 from apil_core.retraining.retrain import resume as go_on

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from html import escape
 from typing import Any
 
+from apil_core.evaluation.results import Rate
 from apil_core.report.figures.palette import GRID, GROUND, INK, MUTED
 from apil_core.report.models import Share
-from apil_core.results import Rate
 
 Spec = dict[str, Any]
 """A plotly figure as plain data: ``data`` and ``layout``.

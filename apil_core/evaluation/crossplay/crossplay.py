@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Unpack
 
 from apil_core.common.errors import ConfigError
-from apil_core.crossplay_document import CrossPlay
-from apil_core.crossplay_file import CrossPlayFile
-from apil_core.crossplay_players import Lineup, Names, SharedOptions, check_unchanged, line_up
-from apil_core.crossplay_progress import PartOfAll
-from apil_core.evaluation import MAX_PARALLEL_GAMES
-from apil_core.evaluator import evaluate
-from apil_core.progress import Progress
-from apil_core.results import EvaluationResult
+from apil_core.evaluation.crossplay.document import CrossPlay
+from apil_core.evaluation.crossplay.file import CrossPlayFile
+from apil_core.evaluation.crossplay.players import Lineup, Names, SharedOptions, check_unchanged, line_up
+from apil_core.evaluation.crossplay_progress import PartOfAll
+from apil_core.evaluation.evaluator import evaluate
+from apil_core.evaluation.progress import Progress
+from apil_core.evaluation.results import EvaluationResult
+from apil_core.evaluation.score import MAX_PARALLEL_GAMES
 
 
 def crossplay(
@@ -44,7 +44,7 @@ def crossplay(
         command: stored in the document.
         progress: told of the games played, over all pairings, and of each finished one.
         options: ``env``, ``physics``, ``victim_actions`` and the like for all pairings: see
-            :func:`apil_core.pairing.load_pairing`. Needed where runs were trained in different games.
+            :func:`apil_core.evaluation.pairing.load_pairing`. Needed where runs were trained in different games.
 
     Raises:
         ApilError: anything wrong with the names, files or sizes given, or ``out`` has other games.

@@ -14,8 +14,8 @@ from apil_core.api.game import Colour
 from apil_core.common import colours
 from apil_core.common.charts import GREY, STYLE
 from apil_core.common.files import write_atomically
-from apil_core.crossplay_document import SHARES, CrossPlay, Share, share_of
 from apil_core.curve_picture import check_picture
+from apil_core.evaluation.crossplay.document import SHARES, CrossPlay, Share, share_of
 
 _TITLES: dict[Share, str] = {
     "win": "games won by the adversary, %",

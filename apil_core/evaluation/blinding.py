@@ -17,8 +17,8 @@ from apil_core.common.errors import ConfigError, UnknownNameError
 from apil_core.common.seeds import stream_seed
 
 if TYPE_CHECKING:
-    from apil_core.pairing import Pairing
-from apil_core.play import Blinding
+    from apil_core.evaluation.pairing import Pairing
+from apil_core.evaluation.play import Blinding
 
 STARTS = 1024
 """Starting states behind a typical value, at least."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from apil_core.progress import Progress
+from apil_core.evaluation.progress import Progress
 
 
 class PartOfAll(Progress):
@@ -18,5 +18,5 @@ class PartOfAll(Progress):
         self._progress, self._before, self._total = progress, before, total
 
     def evaluation_progress(self, done: int, total: int) -> None:
-        """See :meth:`apil_core.progress.Progress.evaluation_progress`."""
+        """See :meth:`apil_core.evaluation.progress.Progress.evaluation_progress`."""
         self._progress.evaluation_progress(self._before + done, self._total)

@@ -11,16 +11,16 @@ from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from apil_core.common.errors import UnknownNameError, VictimError
-from apil_core.evaluator import evaluate
-from apil_core.fidelity_plan import RowPlan
+from apil_core.evaluation.evaluator import evaluate
+from apil_core.evaluation.fidelity.plan import RowPlan
+from apil_core.evaluation.progress import Progress
+from apil_core.evaluation.results import EvaluationResult
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import load_policy
-from apil_core.progress import Progress
-from apil_core.results import EvaluationResult
 
 if TYPE_CHECKING:
-    from apil_core.fidelity_file import FidelityFile
-from apil_core.fidelity_file import FidelityRow
+    from apil_core.evaluation.fidelity.rows import FidelityFile
+from apil_core.evaluation.fidelity.rows import FidelityRow
 
 
 def missing_policy(plugins: PluginRegistry) -> Callable[[str], str | None]:

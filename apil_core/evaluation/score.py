@@ -8,12 +8,12 @@ from typing import Any
 
 from apil_core.api.config import BlindMode
 from apil_core.api.game import Game
-from apil_core.blinding import make_blinding
 from apil_core.common.seeds import stream_seed
-from apil_core.pairing import Pairing, circumstances
-from apil_core.play import Tally, play
-from apil_core.progress import Progress
-from apil_core.results import EvaluationResult, wilson
+from apil_core.evaluation.blinding import make_blinding
+from apil_core.evaluation.pairing import Pairing, circumstances
+from apil_core.evaluation.play import Tally, play
+from apil_core.evaluation.progress import Progress
+from apil_core.evaluation.results import EvaluationResult, wilson
 
 MAX_PARALLEL_GAMES = 128
 """Slots of an evaluation unless asked otherwise. Fixed, so that a seed gives the same games anywhere."""

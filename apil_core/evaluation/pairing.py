@@ -21,12 +21,12 @@ from apil_core.common.seeds import stream_generator, stream_seed
 from apil_core.config.absent import completed
 from apil_core.config.game import with_game_options
 from apil_core.config.observers import Observers, about, with_observers
-from apil_core.play import Players, Seat
+from apil_core.evaluation.play import Players, Seat
+from apil_core.evaluation.results import PolicyId, observers_played
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.registry import default_plugins, make_game
 from apil_core.policies.seats import BASELINES, Taking, load_victim, run_victim, victim_side
-from apil_core.results import PolicyId, observers_played
 from apil_core.training.build import check_device, observing_alone
 from apil_core.training.export.run_policy import SCHEME, Source, run_path
 from apil_core.training.observation_filter import ObservationFilter

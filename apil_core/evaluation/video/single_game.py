@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from apil_core.api.game import GameStep
 from apil_core.common.seeds import stream_seed
-from apil_core.pairing import Pairing
+from apil_core.evaluation.pairing import Pairing
 from apil_core.training.adversary import AdversaryPolicy
 
 Outcome = Literal["win", "tie", "loss"]

@@ -8,7 +8,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from apil_core.api.game import Colour
 from apil_core.common import colours
-from apil_core.spectacle import Moment, Outcome, PlayedGame
+from apil_core.evaluation.video.single_game import Moment, Outcome, PlayedGame
 
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 

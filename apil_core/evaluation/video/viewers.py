@@ -8,13 +8,13 @@ from pathlib import Path
 
 from PIL import Image
 
-from apil_core import caption
 from apil_core.api.game import Game
-from apil_core.caption import Cast
 from apil_core.common import colours
-from apil_core.film import Film, pace
-from apil_core.spectacle import Moment, PlayedGame
-from apil_core.strip import Strip, chosen_steps
+from apil_core.evaluation.video import overlay as caption
+from apil_core.evaluation.video.contact_sheet import Strip, chosen_steps
+from apil_core.evaluation.video.mp4 import Film, pace
+from apil_core.evaluation.video.overlay import Cast
+from apil_core.evaluation.video.single_game import Moment, PlayedGame
 
 HELD = 1.2
 """How long the end of a game stays, s."""
@@ -73,7 +73,7 @@ class FilmAudience(Audience):
         size: of the frames.
         cast: what to write into them.
         seconds_per_step: simulated time of a step, s.
-        speed, fps: see :func:`apil_core.film.pace`.
+        speed, fps: see :func:`apil_core.evaluation.video.mp4.pace`.
     """
 
     def __init__(

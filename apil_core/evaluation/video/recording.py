@@ -6,17 +6,24 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from apil_core.api.profiles import FAITHFUL
-from apil_core.audience import Audience, Camera, FilmAudience, StripAudience, WindowAudience, WindowClosed
-from apil_core.caption import Cast, Score
 from apil_core.common.errors import ApilError, ConfigError
 from apil_core.common.files import why_unwritable
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.film import check_film
-from apil_core.pairing import Pairing, circumstances
-from apil_core.progress import Progress
-from apil_core.results import Circumstances
-from apil_core.spectacle import Moment, Outcome, PlayedGame, Spectacle
-from apil_core.strip import check_strip
+from apil_core.evaluation.pairing import Pairing, circumstances
+from apil_core.evaluation.progress import Progress
+from apil_core.evaluation.results import Circumstances
+from apil_core.evaluation.video.contact_sheet import check_strip
+from apil_core.evaluation.video.mp4 import check_film
+from apil_core.evaluation.video.overlay import Cast, Score
+from apil_core.evaluation.video.single_game import Moment, Outcome, PlayedGame, Spectacle
+from apil_core.evaluation.video.viewers import (
+    Audience,
+    Camera,
+    FilmAudience,
+    StripAudience,
+    WindowAudience,
+    WindowClosed,
+)
 
 TRIES = 100
 """Games looked at for one that ends as wished, unless told otherwise."""

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from apil_core import caption
-from apil_core.caption import Cast
 from apil_core.common.errors import ApilError
 from apil_core.common.files import write_atomically
+from apil_core.evaluation.video import overlay as caption
+from apil_core.evaluation.video.overlay import Cast
 
 FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEBP"}
 """File formats by extension."""

@@ -11,9 +11,9 @@ from filelock import FileLock, Timeout
 
 from apil_core.common.errors import ConfigError
 from apil_core.common.files import check_place
-from apil_core.crossplay_document import CrossPlay, Player
-from apil_core.crossplay_players import Lineup, settings
-from apil_core.results import EvaluationResult
+from apil_core.evaluation.crossplay.document import CrossPlay, Player
+from apil_core.evaluation.crossplay.players import Lineup, settings
+from apil_core.evaluation.results import EvaluationResult
 
 
 class CrossPlayFile:

@@ -9,7 +9,7 @@ from pydantic import BaseModel, model_validator
 
 from apil_core.common.documents import JsonDocument
 from apil_core.common.statistics import Difference, difference
-from apil_core.results import EvaluationResult, PolicyId, Rate
+from apil_core.evaluation.results import EvaluationResult, PolicyId, Rate
 
 Share = Literal["win", "win_or_tie"]
 """Games the adversary won; games it did not lose."""

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Unpack
 
 from apil_core.api.config import BlindMode
-from apil_core.blinding import check_blinding
 from apil_core.common.errors import ConfigError
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.evaluation import MAX_PARALLEL_GAMES, score
-from apil_core.pairing import PairingOptions, load_pairing
-from apil_core.progress import Progress
-from apil_core.results import EvaluationResult
+from apil_core.evaluation.blinding import check_blinding
+from apil_core.evaluation.pairing import PairingOptions, load_pairing
+from apil_core.evaluation.progress import Progress
+from apil_core.evaluation.results import EvaluationResult
+from apil_core.evaluation.score import MAX_PARALLEL_GAMES, score
 
 
 def evaluate(
@@ -41,7 +41,7 @@ def evaluate(
             what the victim saw of its adversary.
         progress: told of the games played.
         options: ``env``, ``victim``, ``victim_actions``, ``game_options`` and the like: see
-            :func:`apil_core.pairing.load_pairing`.
+            :func:`apil_core.evaluation.pairing.load_pairing`.
 
     Raises:
         ApilError: anything wrong with the names, files or sizes given.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from apil_core.api.config import RunConfig
-    from apil_core.results import EvaluationResult
+    from apil_core.evaluation.results import EvaluationResult
 
 
 class Progress:

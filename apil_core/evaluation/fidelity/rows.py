@@ -15,10 +15,10 @@ from apil_core.common.errors import ConfigError
 from apil_core.common.files import check_place, write_atomically
 from apil_core.common.statistics import Difference, difference
 from apil_core.config.game import spelt_out
-from apil_core.fidelity_plan import RowPlan
+from apil_core.evaluation.fidelity.plan import RowPlan
+from apil_core.evaluation.results import EvaluationResult, Rate
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import load_policy
-from apil_core.results import EvaluationResult, Rate
 
 
 class FidelityFile:

@@ -10,10 +10,10 @@ from typing import Any, TypedDict
 from apil_core.api.config import ActionMode, RunConfig
 from apil_core.api.profiles import Profile
 from apil_core.common.errors import ConfigError, RunDirError
-from apil_core.crossplay_document import Player
-from apil_core.pairing import Pairing, circumstances, load_pairing
+from apil_core.evaluation.crossplay.document import Player
+from apil_core.evaluation.pairing import Pairing, circumstances, load_pairing
+from apil_core.evaluation.results import Circumstances, PolicyId, in_words
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.results import Circumstances, PolicyId, in_words
 from apil_core.training.export.run_policy import Source, run_path
 
 Names = Mapping[str, Path | str]
@@ -21,7 +21,7 @@ Names = Mapping[str, Path | str]
 
 
 class SharedOptions(TypedDict, total=False):
-    """Keywords of :func:`apil_core.pairing.load_pairing` that hold for all pairings alike."""
+    """Keywords of :func:`apil_core.evaluation.pairing.load_pairing` that hold for all pairings alike."""
 
     env: str | None
     adversary_actions: ActionMode | None
@@ -68,7 +68,7 @@ def line_up(
     Args:
         adversaries, victims: runs or policy names by label.
         seed, num_envs: of the games to come.
-        options: as of :func:`apil_core.pairing.load_pairing`; they hold for all pairings.
+        options: as of :func:`apil_core.evaluation.pairing.load_pairing`; they hold for all pairings.
         look: shown every pairing that is loaded, with one game in it.
 
     Raises:

@@ -1,0 +1,1 @@
+"""Every adversary against every victim."""

@@ -1,0 +1,1 @@
+"""Games beside their originals."""
