@@ -55,7 +55,7 @@ _HOMES = {
     "apil_core.api.profiles": ("ProfiledOptions",),
     "apil_core.evaluation.score": ("EvaluationResult",),
     "apil_core.evaluation.evaluator": ("evaluate",),
-    "apil_core.runner": ("RunResult", "resume", "run"),
+    "apil_core.runs.runner": ("RunResult", "resume", "run"),
     "apil_core.plugins.registry": ("load_policy", "make_game"),
     "apil_core.policies.conformance": ("Conformance", "check_policy"),
     "apil_core.games.pettingzoo.options": ("PettingZooOptions",),
@@ -138,9 +138,9 @@ if TYPE_CHECKING:
     from apil_core.plugins.registry import make_game as make_game
     from apil_core.policies.conformance import Conformance as Conformance
     from apil_core.policies.conformance import check_policy as check_policy
-    from apil_core.runner import RunResult as RunResult
-    from apil_core.runner import resume as resume
-    from apil_core.runner import run as run
+    from apil_core.runs.runner import RunResult as RunResult
+    from apil_core.runs.runner import resume as resume
+    from apil_core.runs.runner import run as run
     from apil_core.training.networks import GaussianActor as GaussianActor
     from apil_core.training.networks import mlp as mlp
     from apil_core.training.normalize import ObservationNormalizer as ObservationNormalizer

@@ -19,13 +19,13 @@ from pathlib import Path
 from apil_core import EvaluationResult, evaluate
 from apil_core.common.statistics import Difference, difference
 from apil_core.config.game import spelt_out
-from apil_core.distillation.options import DistillConfig
-from apil_core.distillation.report import Report
 from apil_core.evaluation.fidelity.rows import FidelityRow, read_rows
 from apil_core.evaluation.results import wilson
 from apil_core.plugins.registry import default_plugins
 from apil_core.policies.embedded import folder
 from apil_core.policies.student import load_file, save_file
+from apil_core.runs.distillation.config import DistillConfig
+from apil_core.runs.distillation.report import Report
 
 HERE = Path(__file__).parent
 PAGE = HERE / "victims.md"

@@ -40,7 +40,7 @@ def with_full_names(benchmark: Benchmark, origin: str) -> Benchmark:
 def _full_name(benchmark: Benchmark, cell: Cell, origin: str) -> str:
     from apil_core.plugins.registry import make_game
     from apil_core.policies.seats import Taking, load_victim, victim_side
-    from apil_core.retraining.trainable import trainable
+    from apil_core.runs.retraining.trainable import trainable
 
     config, plugins = cell.config, benchmark.plugins
     baseline = benchmark.baselines.get(cell.game)

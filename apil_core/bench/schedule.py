@@ -10,7 +10,7 @@ from typing import Literal
 from apil_core.bench.executor import Executor
 from apil_core.bench.jobs import Job, Ledger
 from apil_core.bench.work import Outcome
-from apil_core.stop_signal import on_stop_signal
+from apil_core.runs.stop_signal import on_stop_signal
 
 State = Literal["waiting", "queued", "running", "done", "failed", "interrupted", "left out"]
 

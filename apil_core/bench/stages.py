@@ -27,8 +27,8 @@ _TRIES = 60
 def harden(ledger: Ledger, cell: Cell, threads: int, progress: Progress) -> bool:
     """Retrain the cell's victim against its adversary and the game's baseline; false if it was stopped."""
     from apil_core.bench.still_valid import check_same_retraining
-    from apil_core.retraining.retrain import resume, retrain
-    from apil_core.retraining.settings import settings
+    from apil_core.runs.retraining.retrain import resume, retrain
+    from apil_core.runs.retraining.settings import settings
 
     stage, directory = ledger.benchmark.matrix.retraining, ledger.bench.retrained_dir(cell.name)
     if stage is None:

@@ -92,7 +92,7 @@ def check_same_retraining(directory: Path, stage: RetrainingStage | None) -> Non
         ConfigError: it was begun with other settings.
     """
     from apil_core.config.kind import is_retraining
-    from apil_core.retraining.folder import RetrainDir
+    from apil_core.runs.retraining.folder import RetrainDir
 
     if stage is None or not is_retraining(directory):
         return

@@ -125,7 +125,7 @@ class _Worker:
         return True
 
     def _train(self, cell: Cell, run: RunDir) -> bool:
-        from apil_core import runner
+        from apil_core.runs import runner
 
         command = self.ledger.command
         if run.checkpoints():

@@ -95,7 +95,7 @@ def activations(
     """
     from apil_core.activations.analysis import Sampling, analyze
     from apil_core.activations.picture import draw_activations
-    from apil_core.crossplay_labels import labelled
+    from apil_core.runs.labels import labelled
 
     out, picture = _places(out, picture, force)
     options: SharedOptions = {

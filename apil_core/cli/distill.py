@@ -15,14 +15,14 @@ from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
 from apil_core.common.errors import ConfigError
-from apil_core.distillation.options import DistillConfig
+from apil_core.runs.distillation.config import DistillConfig
 
 if TYPE_CHECKING:
     from apil_core.common.statistics import Difference
-    from apil_core.distillation.report import Report
-    from apil_core.distillation.trainer import Entry
     from apil_core.evaluation.progress import Progress
     from apil_core.plugins.discovery import PluginRegistry
+    from apil_core.runs.distillation.report import Report
+    from apil_core.runs.distillation.trainer import Entry
 
 _WHO = Group("Who learns from whom", sort_key=0)
 _HOW = Group("How", sort_key=1)
@@ -118,9 +118,9 @@ def distill(
     DIR/student.safetensors; use it as safetensors:DIR/student.safetensors. Interrupted, it goes on
     with --resume DIR.
     """
-    from apil_core.distillation.distill import distill as start
-    from apil_core.distillation.distill import resume_distillation
     from apil_core.plugins.discovery import discover
+    from apil_core.runs.distillation.distill import distill as start
+    from apil_core.runs.distillation.distill import resume_distillation
 
     flags = flags or DistillFlags()
     registry = discover(plugin or [])
@@ -145,7 +145,7 @@ def distill(
 
 
 def _config(flags: DistillFlags, plugins: PluginRegistry) -> DistillConfig:
-    from apil_core.distillation.settings import settings
+    from apil_core.runs.distillation.settings import settings
 
     if flags.env is None or flags.role is None:
         raise ConfigError("say what to distill: --env GAME --role SIDE (or --resume DIR)")

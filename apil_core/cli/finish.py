@@ -11,7 +11,7 @@ from apil_core.training.distributed.world import World
 if TYPE_CHECKING:
     from apil_core.evaluation.progress import Progress
     from apil_core.evaluation.results import EvaluationResult
-    from apil_core.runner import RunResult
+    from apil_core.runs.runner import RunResult
     from apil_core.souvenirs import Souvenirs
 
 

@@ -62,7 +62,7 @@ def _draw_retraining(
     directories: Sequence[Path], retraining: Path, metrics: Sequence[str], out: Path
 ) -> list[CurveGroup]:
     from apil_core.retraining.curve import draw_opponents
-    from apil_core.retraining.folder import RetrainDir
+    from apil_core.runs.retraining.folder import RetrainDir
 
     if len(directories) > 1:
         raise ConfigError(f"{retraining} is a retraining: draw it alone")

@@ -46,7 +46,7 @@ def resume(
             directory, steps=steps, checkpoint=checkpoint, threads=threads, quiet=quiet, as_json=as_json
         )
 
-    from apil_core import runner
+    from apil_core.runs import runner
 
     here = World.here()
     with make_progress(quiet=quiet or not here.is_main) as progress:

@@ -16,12 +16,12 @@ from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
 from apil_core.common.errors import ApilError, RunDirError
-from apil_core.retraining.options import RetrainConfig
+from apil_core.runs.retraining.config import RetrainConfig
 
 if TYPE_CHECKING:
     from apil_core.evaluation.results import EvaluationResult
     from apil_core.plugins.discovery import PluginRegistry
-    from apil_core.retraining.result import RetrainResult
+    from apil_core.runs.retraining.result import RetrainResult
 
 _WHO = Group("Who is hardened against whom", sort_key=0)
 _HOW = Group("How", sort_key=1)
@@ -108,8 +108,8 @@ def retrain(
         )
 
     from apil_core.plugins.registry import default_plugins
-    from apil_core.retraining.retrain import retrain as start
-    from apil_core.retraining.settings import settings
+    from apil_core.runs.retraining.retrain import retrain as start
+    from apil_core.runs.retraining.settings import settings
 
     config = settings(adversaries, flags.given(), flags.sets)
     if _names_code(flags, default_plugins()):
@@ -129,7 +129,7 @@ def resume(
     as_json: bool,
 ) -> int:
     """``apil resume`` for the directory of a retraining."""
-    from apil_core.retraining.retrain import resume as go_on
+    from apil_core.runs.retraining.retrain import resume as go_on
 
     with make_progress(quiet=quiet) as progress:
         result = go_on(
@@ -175,7 +175,7 @@ def print_result(result: RetrainResult) -> None:
 def _draw_curve(result: RetrainResult, *, silent: bool) -> None:
     """``curve.png`` in its directory; nothing depends on it, so what keeps it from being made is a note."""
     from apil_core.retraining.curve import draw_opponents
-    from apil_core.retraining.folder import RetrainDir
+    from apil_core.runs.retraining.folder import RetrainDir
 
     directory = RetrainDir(result.directory)
     try:

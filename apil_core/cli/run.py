@@ -62,7 +62,7 @@ def run(
         for _, directory in jobs:
             _refuse_existing(directory)
 
-    from apil_core import runner
+    from apil_core.runs import runner
     from apil_core.training.distributed.join import joined
 
     documents: list[dict[str, Any]] = []

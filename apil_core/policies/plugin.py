@@ -26,7 +26,7 @@ def register_policies() -> list[PolicySpec]:
         ),
         PolicySpec(
             scheme="retrained",
-            loader="apil_core.retraining.hardened:load",
+            loader="apil_core.runs.retraining.hardened:load",
             summary="victim hardened by `apil retrain`: retrained:DIR",
         ),
         PolicySpec(

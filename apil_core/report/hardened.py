@@ -19,8 +19,8 @@ from apil_core.report.settings import key_of, victim_kind
 from apil_core.report.sources import Sources, StoredBench
 from apil_core.report.statistics import share
 from apil_core.report.words import amount, budget_mark
-from apil_core.retraining.folder import RetrainDir
-from apil_core.retraining.options import RetrainConfig
+from apil_core.runs.retraining.config import RetrainConfig
+from apil_core.runs.retraining.folder import RetrainDir
 
 ORIGINAL, AGAINST = "original", "vs "
 """Labels of the victim as it was, and (before the adversary's) of retrained ones."""

@@ -13,7 +13,7 @@ from apil_core.report.courses import thinned
 from apil_core.report.models import ActivationCloud, Activations, RetrainingCurve, RetrainingLine, Snapshot
 from apil_core.report.sources import Sources
 from apil_core.report.words import percent, several
-from apil_core.retraining.folder import RetrainDir
+from apil_core.runs.retraining.folder import RetrainDir
 from apil_core.training.storage.recorders import read_metrics
 
 

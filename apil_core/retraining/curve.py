@@ -13,9 +13,9 @@ from apil_core.curve_captions import Wording
 from apil_core.curve_groups import CurveGroup
 from apil_core.curves import LEAST_GAMES, Curve, ScorePoint, shares
 from apil_core.evaluation.results import EvaluationResult, wilson
-from apil_core.retraining.folder import RetrainDir
-from apil_core.retraining.options import RetrainConfig
-from apil_core.retraining.tally import MIXED
+from apil_core.runs.retraining.config import RetrainConfig
+from apil_core.runs.retraining.folder import RetrainDir
+from apil_core.runs.retraining.tally import MIXED
 from apil_core.training.episode_stats import WINDOW
 from apil_core.training.storage.recorders import read_metrics
 

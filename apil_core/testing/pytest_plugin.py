@@ -14,7 +14,7 @@ import pytest
 
 if TYPE_CHECKING:
     from apil_core.api.config import RunConfig
-    from apil_core.session import RunResult
+    from apil_core.runs.session import RunResult
     from apil_core.testing.reports import GameReport, MethodReport, VictimReport
 
 

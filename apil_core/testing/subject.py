@@ -14,7 +14,7 @@ from apil_core.config.resolve import complete
 from apil_core.evaluation.progress import Progress
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.hook_manager import RunHookManager
-from apil_core.session import Session
+from apil_core.runs.session import Session
 from apil_core.testing.promises import METHOD_PROMISES, ContractError, Promise, promised
 from apil_core.testing.tiny import tiny_config
 from apil_core.training.build import build

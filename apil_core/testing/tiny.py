@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from apil_core.api.config import RunConfig
 
 if TYPE_CHECKING:
-    from apil_core.session import RunResult
+    from apil_core.runs.session import RunResult
 
 
 def tiny_config(method: str = "adrl", env: str = "toy-pursuit", **changes: Any) -> RunConfig:
@@ -47,7 +47,7 @@ def tiny_run(config_or_method: RunConfig | str, out: Path, plugins: Sequence[str
     Raises:
         ApilError: anything wrong with names, options, plugins or the directory.
     """
-    from apil_core.runner import run
+    from apil_core.runs.runner import run
 
     config = tiny_config(config_or_method) if isinstance(config_or_method, str) else config_or_method
     files = (*config.plugins, *(str(Path(path)) for path in plugins))

@@ -22,7 +22,7 @@ from apil_core.activations.recording import RecordingPolicy, record
 from apil_core.activations.sampling import even_sample, game_means
 from apil_core.evaluation.pairing import load_pairing
 from apil_core.evaluation.progress import Progress
-from apil_core.runner import run
+from apil_core.runs.runner import run
 from core.small_runs import small_config
 
 SMALL = Sampling(games=6, steps=20, points=24, perplexity=5, components=2)

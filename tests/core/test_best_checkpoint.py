@@ -12,9 +12,9 @@ from pydantic import ValidationError
 
 from apil_core import RunConfig, RunDirError, evaluate, resume, run
 from apil_core.api.config import EvaluationConfig, StopConfig
-from apil_core.best import EvaluationHistory
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult, wilson
+from apil_core.runs.best import EvaluationHistory
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.run_dir import RunDir
 from core.small_runs import small_config
@@ -122,7 +122,7 @@ def test_going_on_from_the_best_leaves_a_checkpoint_at_once(tmp_path, monkeypatc
     def killed(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("apil_core.session.Session.go", killed)
+    monkeypatch.setattr("apil_core.runs.session.Session.go", killed)
     with pytest.raises(KeyboardInterrupt):
         resume(directory.path, checkpoint_path=Path("best"), steps=9 * ITERATION)
     assert directory.newest_checkpoint() == directory.checkpoint_path(best["iteration"])

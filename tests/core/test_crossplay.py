@@ -10,14 +10,14 @@ import pytest
 
 from apil_core import ApilError, ConfigError, RunDirError, evaluate
 from apil_core.common.statistics import difference
-from apil_core.crossplay_labels import labelled
 from apil_core.evaluation.crossplay.crossplay import crossplay
 from apil_core.evaluation.crossplay.document import CrossPlay, comparisons
 from apil_core.evaluation.crossplay.heat_map import draw_crossplay
 from apil_core.evaluation.crossplay.players import check_unchanged
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult
-from apil_core.runner import run
+from apil_core.runs.labels import labelled
+from apil_core.runs.runner import run
 from core.small_runs import small_config
 
 EVADER = "scripted:toy-pursuit/evader/v1"

@@ -20,7 +20,7 @@ import pytest
 
 from apil_core import ApilError, resume, run
 from apil_core.evaluation.progress import Progress
-from apil_core.trackers import tracked
+from apil_core.runs.trackers import tracked
 from apil_core.training.storage.metrics_log import RowLog
 from apil_core.training.storage.recorders import JsonlRecorder, read_metrics
 from apil_core.training.storage.run_dir import RunDir
@@ -266,7 +266,7 @@ def test_a_run_outlives_trackios_process(tmp_path: Path) -> None:
     def kill(iteration: float) -> None:
         if iteration == 2:
             for child in psutil.Process().children():
-                if "apil_core.trackers.trackio_writer" in child.cmdline():
+                if "apil_core.runs.trackers.trackio_writer" in child.cmdline():
                     child.send_signal(signal.SIGKILL)
                     child.wait()
 

@@ -13,11 +13,11 @@ from apil_core import ConfigError, RunConfig, VictimError, resume, run
 from apil_core.api.types import OWN_GROUP, View
 from apil_core.evaluation.progress import Progress
 from apil_core.plugins.registry import default_plugins
+from apil_core.runs.warm_start import load_teacher, warm_start
 from apil_core.training.build import build
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.run_dir import RunDir
 from apil_core.training.trainer import Trainer
-from apil_core.warm_start import load_teacher, warm_start
 from core.small_runs import differences, small_config
 
 ITERATION = 32 * 64

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from apil_core.api.types import DiagonalGaussian
-from apil_core.distillation.learner import Block, StudentLearner, kl_nats
 from apil_core.policies.student_policy import StudentShape
+from apil_core.runs.distillation.learner import Block, StudentLearner, kl_nats
 
 
 def block(label: torch.Tensor, observation: torch.Tensor, done: torch.Tensor) -> Block:

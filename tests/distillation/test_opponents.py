@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 
 from apil_core import Decision, Policy, PolicyInfo, View
-from apil_core.distillation.collector import Cast
-from apil_core.distillation.opponents import PerturbedOpponent
+from apil_core.runs.distillation.collector import Cast
+from apil_core.runs.distillation.opponents import PerturbedOpponent
 
 
 class Ones(Policy):

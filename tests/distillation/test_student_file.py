@@ -12,9 +12,9 @@ import torch
 from safetensors.torch import save_file as save_tensors
 
 from apil_core import PolicyInfo, VictimError, View
-from apil_core.distillation.learner import StudentLearner
 from apil_core.policies.student import load_file, save_file, weights_sha256
 from apil_core.policies.student_policy import StudentPolicy, StudentShape
+from apil_core.runs.distillation.learner import StudentLearner
 
 TINY = StudentShape("mlp", observation_size=2, action_size=1, width=0, hidden=(), clip=5.0)
 WEIGHTS = {

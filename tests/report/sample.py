@@ -20,8 +20,8 @@ from apil_core.report import cells
 from apil_core.report.evidence import gather
 from apil_core.report.models import Evidence, Side, Table
 from apil_core.report.paper_claims import ORDER
-from apil_core.retraining.folder import RetrainDir
-from apil_core.retraining.options import RetrainConfig
+from apil_core.runs.retraining.config import RetrainConfig
+from apil_core.runs.retraining.folder import RetrainDir
 from apil_core.training.storage.recorders import JsonlRecorder
 from apil_core.training.storage.run_dir import RunDir
 

@@ -10,7 +10,7 @@ import torch
 from apil_core import Decision, Policy, load_policy
 from apil_core.api.policy import PolicyInfo
 from apil_core.api.types import View
-from apil_core.retraining.mixture import MixturePolicy
+from apil_core.runs.retraining.mixture import MixturePolicy
 from retraining.victims import student, views
 
 

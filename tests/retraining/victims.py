@@ -10,12 +10,12 @@ import torch
 
 from apil_core.api.policy import PolicyInfo
 from apil_core.api.types import View
-from apil_core.distillation.learner import StudentNetwork
 from apil_core.policies.student import save_file
 from apil_core.policies.student_policy import StudentShape
 from apil_core.policies.zoo_catalogue import GameFacts
 from apil_core.policies.zoo_layout import tensor_shapes
 from apil_core.policies.zoo_policy import ZooPolicy
+from apil_core.runs.distillation.learner import StudentNetwork
 
 
 def student(path: Path, kind: Any = "lstm", seed: int = 0, scale: float = 1.0) -> str:

@@ -24,14 +24,14 @@ def register_recorders() -> list[RecorderSpec]:
         ),
         RecorderSpec(
             "wandb",
-            "apil_core.trackers.wandb_recorder:WandbRecorder",
+            "apil_core.runs.trackers.wandb_recorder:WandbRecorder",
             "a tracked run at Weights & Biases, online or offline (docs/trackers.md)",
-            check="apil_core.trackers.wandb_recorder:check",
+            check="apil_core.runs.trackers.wandb_recorder:check",
         ),
         RecorderSpec(
             "trackio",
-            "apil_core.trackers.trackio_recorder:TrackioRecorder",
+            "apil_core.runs.trackers.trackio_recorder:TrackioRecorder",
             "a tracked run in Trackio, local by default (docs/trackers.md)",
-            check="apil_core.trackers.trackio_recorder:check",
+            check="apil_core.runs.trackers.trackio_recorder:check",
         ),
     ]

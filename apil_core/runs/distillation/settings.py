@@ -10,9 +10,9 @@ from pydantic import ValidationError
 from apil_core.config.game import game_model, profile_problems
 from apil_core.config.layers import flag_layer, merge, set_layer
 from apil_core.config.problems import problems_of, raise_problems
-from apil_core.distillation.options import DistillConfig
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import default_plugins
+from apil_core.runs.distillation.config import DistillConfig
 
 
 def settings(

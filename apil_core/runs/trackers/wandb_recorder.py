@@ -9,7 +9,7 @@ from typing import Any
 
 from apil_core.common.errors import ApilError
 from apil_core.common.extras import need
-from apil_core.trackers.tracked import PROJECT, TrackedRun, one_line
+from apil_core.runs.trackers.tracked import PROJECT, TrackedRun, one_line
 from apil_core.training.storage.recorders import read_metrics
 
 FINISH_SECONDS = 60.0

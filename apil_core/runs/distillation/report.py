@@ -13,13 +13,13 @@ from apil_core.api.game import Game
 from apil_core.api.policy import Policy
 from apil_core.api.types import View
 from apil_core.common.statistics import Difference, difference
-from apil_core.distillation.collector import Cast, Sample
-from apil_core.distillation.learner import kl_nats
-from apil_core.distillation.setting import Setting
 from apil_core.evaluation.pairing import Pairing
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.evaluation.score import score
+from apil_core.runs.distillation.build import Setting
+from apil_core.runs.distillation.collector import Cast, Sample
+from apil_core.runs.distillation.learner import kl_nats
 
 
 class ActionError(BaseModel):

@@ -14,11 +14,11 @@ from apil_core.config.problems import problems_of
 from apil_core.evaluation.progress import Progress
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import default_plugins
-from apil_core.retraining.course import RetrainCourse
-from apil_core.retraining.folder import RetrainDir
-from apil_core.retraining.options import RetrainConfig
-from apil_core.retraining.result import RetrainResult
-from apil_core.retraining.setting import prepare
+from apil_core.runs.retraining.build import prepare
+from apil_core.runs.retraining.config import RetrainConfig
+from apil_core.runs.retraining.folder import RetrainDir
+from apil_core.runs.retraining.result import RetrainResult
+from apil_core.runs.retraining.session import RetrainCourse
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.checkpoint_fit import check_same_settings, fitting
 from apil_core.training.storage.metrics_log import iterations_in_rows
@@ -42,7 +42,7 @@ def retrain(
     """Harden a victim as ``config`` says, checkpointing on the way, and score it at the end.
 
     Args:
-        config: as :func:`apil_core.retraining.settings.settings` gives it.
+        config: as :func:`apil_core.runs.retraining.settings.settings` gives it.
         out: directory; default ``runs/<env>/retrain/<opponents>/<time>-s<seed>``.
         progress: told how it goes.
         command: stored for people who ask where a victim came from.

@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from apil_core.distillation.learner import Memory, StudentNetwork
 from apil_core.policies.student_policy import StudentShape, Weights
+from apil_core.runs.distillation.learner import Memory, StudentNetwork
 
 _STATISTICS = ("observation.mean", "observation.std")
 

@@ -12,7 +12,7 @@ from typing import Any
 from apil_core.api.config import RunConfig
 from apil_core.common.errors import ApilError
 from apil_core.config.kind import is_retraining
-from apil_core.retraining.options import RetrainConfig
+from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.training.storage.run_dir import RunDir
 
 PROJECT = "apil"
@@ -70,7 +70,7 @@ class TrackedRun:
 
 
 def _read(path: Path) -> tuple[RunDir, RunConfig | RetrainConfig, str]:
-    from apil_core.retraining.folder import RetrainDir
+    from apil_core.runs.retraining.folder import RetrainDir
 
     if is_retraining(path):
         retraining = RetrainDir(path).config()

@@ -12,12 +12,6 @@ import torch
 from apil_core.api.policy import Policy
 from apil_core.common.errors import VictimError
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.distillation.learner import Block
-from apil_core.distillation.options import DistillConfig
-from apil_core.distillation.report import Report, make_report, score_of
-from apil_core.distillation.setting import Setting, named, prepare
-from apil_core.distillation.trainer import Entry, Standard
-from apil_core.distillation.workspace import Workspace
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.evaluation.score import MAX_PARALLEL_GAMES
@@ -25,6 +19,12 @@ from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import default_plugins, make_game
 from apil_core.policies.student import load_file, save_file, weights_sha256
 from apil_core.policies.student_policy import StudentPolicy
+from apil_core.runs.distillation.build import Setting, named, prepare
+from apil_core.runs.distillation.config import DistillConfig
+from apil_core.runs.distillation.learner import Block
+from apil_core.runs.distillation.report import Report, make_report, score_of
+from apil_core.runs.distillation.trainer import Entry, Standard
+from apil_core.runs.distillation.workspace import Workspace
 from apil_core.training.storage.run_dir import environment
 
 OnStage = Callable[[Entry, int], None]

@@ -8,7 +8,7 @@ from apil_core.evaluation.evaluator import evaluate
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.retraining.options import RetrainConfig
+from apil_core.runs.retraining.config import RetrainConfig
 
 
 def score_each(

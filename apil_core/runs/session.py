@@ -11,7 +11,6 @@ from pydantic import BaseModel
 
 from apil_core.api.method import RunPlugin
 from apil_core.api.policy import Policy
-from apil_core.best import EvaluationHistory
 from apil_core.common.errors import ApilError
 from apil_core.common.files import sha256
 from apil_core.common.machine import resident_mb
@@ -21,15 +20,16 @@ from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.policies.seats import victim_name
-from apil_core.stop_signal import Stopped, StopWish
-from apil_core.trainer_score import score_in_training
+from apil_core.runs.best import EvaluationHistory
+from apil_core.runs.score import score_in_training
+from apil_core.runs.stop_signal import Stopped, StopWish
+from apil_core.runs.warm_start import beside_teacher, warm_start
 from apil_core.training.distributed.join import in_contact
 from apil_core.training.plugin_state import states_of
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.metrics_log import Row, RowLog, iterations_per_row, open_recorders
 from apil_core.training.storage.run_dir import RunDir, part_of_rank
 from apil_core.training.trainer import Trainer
-from apil_core.warm_start import beside_teacher, warm_start
 
 
 class RunResult(BaseModel):

@@ -14,12 +14,12 @@ from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult, PolicyId
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.policies.student import load_file, save_file
-from apil_core.retraining.folder import RetrainDir
-from apil_core.retraining.hardened import name_of
-from apil_core.retraining.result import RetrainResult
-from apil_core.retraining.scoring import score_each
-from apil_core.retraining.setting import Setting, shares
-from apil_core.stop_signal import Stopped, StopWish
+from apil_core.runs.retraining.build import Setting, shares
+from apil_core.runs.retraining.folder import RetrainDir
+from apil_core.runs.retraining.hardened import name_of
+from apil_core.runs.retraining.result import RetrainResult
+from apil_core.runs.retraining.scoring import score_each
+from apil_core.runs.stop_signal import Stopped, StopWish
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.metrics_log import RowLog, open_recorders
 from apil_core.training.storage.run_dir import environment

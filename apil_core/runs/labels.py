@@ -10,7 +10,7 @@ from apil_core.api.specs import GameSpec
 from apil_core.common.errors import ConfigError
 from apil_core.evaluation.crossplay.players import Names, run_config
 from apil_core.plugins.registry import default_plugins
-from apil_core.retraining.folder import RetrainDir, is_retraining
+from apil_core.runs.retraining.folder import RetrainDir, is_retraining
 
 AUTO, BASELINE, ORIGINAL = "auto", "baseline", "original"
 

@@ -15,15 +15,15 @@ from apil_core.api.specs import GameSpec
 from apil_core.api.types import View
 from apil_core.common.errors import ConfigError, VictimError
 from apil_core.config.game import game_model, overlaid
-from apil_core.distillation.collector import Collector
-from apil_core.distillation.learner import StudentLearner
-from apil_core.distillation.options import DistillConfig
-from apil_core.distillation.trainer import Course
 from apil_core.plugins.default_victim import is_here
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
 from apil_core.policies.seats import Taking, load_victim
 from apil_core.policies.student_policy import StudentShape
+from apil_core.runs.distillation.collector import Collector
+from apil_core.runs.distillation.config import DistillConfig
+from apil_core.runs.distillation.learner import StudentLearner
+from apil_core.runs.distillation.trainer import Course
 from apil_core.training.build import check_device
 
 _LONGEST_BLOCK = 512

@@ -14,7 +14,7 @@ from apil_core.api.policy import Policy
 from apil_core.api.types import View
 from apil_core.common.errors import VictimError
 from apil_core.common.seeds import stream_generator, stream_seed
-from apil_core.distillation.opponents import PerturbedOpponent
+from apil_core.runs.distillation.opponents import PerturbedOpponent
 
 OnStep = Callable[[int], None]
 

@@ -17,7 +17,7 @@ from apil_core.config.layers import file_layer
 from apil_core.config.problems import problems_of, raise_problems
 from apil_core.config.yaml import commented_yaml
 from apil_core.plugins.registry import default_plugins
-from apil_core.retraining.options import RetrainConfig
+from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.training.storage.run_dir import DEFAULT_ROOT, RunDir
 
 

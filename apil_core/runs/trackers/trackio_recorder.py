@@ -13,7 +13,7 @@ from secrets import token_hex
 from typing import Any
 
 from apil_core.common.errors import ApilError
-from apil_core.trackers.tracked import PROJECT, TrackedRun, one_line
+from apil_core.runs.trackers.tracked import PROJECT, TrackedRun, one_line
 
 FINISH_SECONDS = 60.0
 """How long the end of a run waits for what is not stored yet."""
@@ -25,7 +25,7 @@ class TrackioRecorder:
     """A tracked run in ``<run_dir>/trackio``, or where ``TRACKIO_DIR`` says; its name in ``trackio.json``.
 
     The library fixes its directory when it is imported, and a process may train several runs, so it works
-    in a process of its own (:mod:`apil_core.trackers.trackio_writer`). That one outlives a killed run just
+    in a process of its own (:mod:`apil_core.runs.trackers.trackio_writer`). That one outlives a killed run just
     long enough to store all it was told. Steps are environment steps. A resumed run goes on under its name,
     and rows that the run has gone back behind are deleted; on a remote server nobody can, there they stay.
 
@@ -47,7 +47,7 @@ class TrackioRecorder:
         where = where or {"project": PROJECT, "name": f"{tracked.name}-{token_hex(3)}"}
         directory = str(run_dir.resolve() / "trackio")
         self._writer = subprocess.Popen(
-            [sys.executable, "-m", "apil_core.trackers.trackio_writer"],
+            [sys.executable, "-m", "apil_core.runs.trackers.trackio_writer"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env={"TRACKIO_DIR": directory, **os.environ},

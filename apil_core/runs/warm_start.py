@@ -18,14 +18,14 @@ from apil_core.api.policy import Policy
 from apil_core.api.types import OWN_GROUP, View
 from apil_core.common.errors import ConfigError
 from apil_core.common.seeds import stream_generator, stream_seed
-from apil_core.distillation.setting import spread_of
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.policies.seats import Taking, load_victim
+from apil_core.runs.distillation.build import spread_of
 
 if TYPE_CHECKING:
     from apil_core.training.trainer import Trainer
-from apil_core.trainer_score import score_in_training
+from apil_core.runs.score import score_in_training
 
 CLONING_SHARE = 0.6
 """Of the steps; in the others the critic is fitted to the clone, which plays as in training."""

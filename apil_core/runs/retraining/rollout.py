@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from apil_core.distillation.learner import Memory
+from apil_core.runs.distillation.learner import Memory
 
 
 @dataclass

@@ -13,10 +13,10 @@ from apil_core.api.specs import RewardWeights
 from apil_core.api.types import View
 from apil_core.common.errors import PluginError
 from apil_core.common.tensors import all_finite
-from apil_core.retraining.learner import VictimLearner
-from apil_core.retraining.mixture import MixturePolicy
-from apil_core.retraining.options import RetrainConfig
-from apil_core.retraining.tally import MIXED, OpponentTally
+from apil_core.runs.retraining.config import RetrainConfig
+from apil_core.runs.retraining.learner import VictimLearner
+from apil_core.runs.retraining.mixture import MixturePolicy
+from apil_core.runs.retraining.tally import MIXED, OpponentTally
 from apil_core.training.normalize import ReturnNormalizer
 from apil_core.training.rewards import training_reward
 

@@ -18,8 +18,8 @@ from apil_core.plugins.default_victim import default_victim
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import default_plugins
 from apil_core.policies.seats import victim_name, victim_side
-from apil_core.retraining.options import RetrainConfig
-from apil_core.retraining.tally import MIXED
+from apil_core.runs.retraining.config import RetrainConfig
+from apil_core.runs.retraining.tally import MIXED
 from apil_core.training.export.run_policy import SCHEME, Source, run_path
 
 BASELINE = "baseline"

@@ -7,7 +7,7 @@ from pathlib import Path
 from apil_core.common.errors import VictimError
 from apil_core.config.kind import is_retraining
 from apil_core.policies.student_policy import StudentPolicy
-from apil_core.retraining.folder import RetrainDir
+from apil_core.runs.retraining.folder import RetrainDir
 
 SCHEME = "retrained"
 

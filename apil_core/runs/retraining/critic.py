@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from apil_core.distillation.learner import Memory, StudentNetwork
 from apil_core.policies.student_policy import StudentShape, Weights
-from apil_core.retraining.network import body_of
+from apil_core.runs.distillation.learner import Memory, StudentNetwork
+from apil_core.runs.retraining.network import body_of
 from apil_core.training.networks import mlp
 
 

@@ -9,10 +9,10 @@ import torch
 from torch import Tensor
 
 from apil_core.common.seeds import stream_generator
-from apil_core.distillation.collector import Cast, Collector, Sample
-from apil_core.distillation.learner import Block, StudentLearner
-from apil_core.distillation.options import DistillConfig
 from apil_core.policies.student_policy import StudentShape
+from apil_core.runs.distillation.collector import Cast, Collector, Sample
+from apil_core.runs.distillation.config import DistillConfig
+from apil_core.runs.distillation.learner import Block, StudentLearner
 from apil_core.training.normalize import RunningMoments
 
 _TRUE_BLOCKS = 4

@@ -21,10 +21,10 @@ from torch import Tensor, nn
 from apil_core.api.config import PPOConfig
 from apil_core.api.types import DiagonalGaussian
 from apil_core.common.errors import ApilError
-from apil_core.distillation.learner import Memory
-from apil_core.retraining.critic import Critic
-from apil_core.retraining.network import VictimNetwork
-from apil_core.retraining.rollout import Piece, VictimRollout
+from apil_core.runs.distillation.learner import Memory
+from apil_core.runs.retraining.critic import Critic
+from apil_core.runs.retraining.network import VictimNetwork
+from apil_core.runs.retraining.rollout import Piece, VictimRollout
 from apil_core.training.returns import gae, normalize_advantages
 
 _ADAM_EPSILON = 1e-5

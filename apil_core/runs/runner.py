@@ -20,8 +20,9 @@ from apil_core.config.resolve import complete
 from apil_core.evaluation.progress import Progress
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import default_plugins
-from apil_core.session import RunResult as RunResult
-from apil_core.session import Session
+from apil_core.runs.session import RunResult as RunResult
+from apil_core.runs.session import Session
+from apil_core.runs.warm_start import load_teacher
 from apil_core.training.build import build
 from apil_core.training.distributed.join import joined
 from apil_core.training.distributed.world import World
@@ -31,7 +32,6 @@ from apil_core.training.storage.metrics_log import iterations_in_rows
 from apil_core.training.storage.recorders import truncate_metrics
 from apil_core.training.storage.run_dir import RunDir, part_of_rank
 from apil_core.training.trainer import Trainer
-from apil_core.warm_start import load_teacher
 
 _SHAPE = ("hidden", "action_unit", "critic_observes")
 """Settings of PPO that decide what networks look like and mean."""

@@ -16,8 +16,8 @@ from torch import Tensor
 
 from apil_core.common.errors import RunDirError
 from apil_core.common.files import write_atomically
-from apil_core.distillation.options import DistillConfig
-from apil_core.distillation.report import Report
+from apil_core.runs.distillation.config import DistillConfig
+from apil_core.runs.distillation.report import Report
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.run_dir import environment
 

@@ -1,0 +1,1 @@
+"""Whole runs: training, hardening a victim, distilling a student."""
