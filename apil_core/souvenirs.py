@@ -106,8 +106,8 @@ def _unseen(run: RunDir, progress: Progress) -> EvaluationResult:
 
 
 def _draw(run: RunDir) -> Path:
-    from apil_core.curve_groups import read_groups
-    from apil_core.curve_picture import draw_curves
+    from apil_core.studies.curves.groups import read_groups
+    from apil_core.studies.curves.picture import draw_curves
 
     draw_curves(read_groups([run]), run.curve_path)
     return run.curve_path

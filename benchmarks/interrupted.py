@@ -21,8 +21,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from apil_core.bench.folder import BenchDir
 from apil_core.common.errors import ApilError, RunDirError
+from apil_core.studies.bench.folder import BenchDir
 from apil_core.training.storage.recorders import read_metrics
 
 TIMINGS = {"wall_seconds", "steps_per_second", "collect_seconds", "update_seconds", "memory_mb"}

@@ -11,9 +11,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from apil_core.bench.folder import read_score
-from apil_core.curve_groups import read_groups
-from apil_core.curve_picture import draw_curves
+from apil_core.studies.bench.folder import read_score
+from apil_core.studies.curves.groups import read_groups
+from apil_core.studies.curves.picture import draw_curves
 from apil_core.training.storage.recorders import read_metrics
 from apil_core.training.storage.run_dir import RunDir
 

@@ -16,8 +16,8 @@ from apil_core.cli.progress import make_progress
 from apil_core.common.errors import ConfigError
 
 if TYPE_CHECKING:
-    from apil_core.activations.models import ActivationMap, LogLikelihood
     from apil_core.evaluation.crossplay.players import SharedOptions
+    from apil_core.studies.activations.models import ActivationMap, LogLikelihood
 
 app = sub_app("analyze", "Look inside: the victim's activations against each opponent.")
 
@@ -93,9 +93,9 @@ def activations(
     Usual means likely under a Gaussian mixture fitted on normal play, games against the game's baseline
     adversary (Gleave et al. 2020). Intervals are over games; normal play is scored on games of its own.
     """
-    from apil_core.activations.analysis import Sampling, analyze
-    from apil_core.activations.picture import draw_activations
     from apil_core.runs.labels import labelled
+    from apil_core.studies.activations.analysis import Sampling, analyze
+    from apil_core.studies.activations.picture import draw_activations
 
     out, picture = _places(out, picture, force)
     options: SharedOptions = {
@@ -136,7 +136,7 @@ app.command(activations)
 def _places(out: Path | None, picture: Path | None, force: bool) -> tuple[Path | None, Path | None]:
     """Where document and picture go; checked before minutes of playing."""
     from apil_core.common.files import check_place
-    from apil_core.curve_picture import check_picture
+    from apil_core.studies.curves.picture import check_picture
 
     if out is not None and out.suffix != ".json":
         try:

@@ -33,15 +33,15 @@ def report(
 
     Whatever is there is shown; what is missing, weak or not comparable is said.
     """
-    from apil_core.report.evidence import gather
-    from apil_core.report.tables import write_tables
+    from apil_core.studies.report.evidence import gather
+    from apil_core.studies.report.tables import write_tables
 
     evidence = gather(directories, run)
     folder = out if out is not None else directories[0] / "report"
     written = write_tables(evidence, folder / TABLES)
     page = None
     if not tables_only:
-        from apil_core.report.page import write_page
+        from apil_core.studies.report.page import write_page
 
         page = folder / PAGE
         write_page(evidence, page)

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
-from apil_core.bench.matrix import NAMES_WITHOUT_BUDGET, matrix_names
 from apil_core.cli.flags import Json, Quiet, count
 from apil_core.cli.guard import INTERRUPTED, complain
 from apil_core.cli.progress import make_progress
 from apil_core.common.errors import ConfigError
+from apil_core.studies.bench.matrix import NAMES_WITHOUT_BUDGET, matrix_names
 
 if TYPE_CHECKING:
-    from apil_core.bench.cells import Benchmark
-    from apil_core.bench.executor import Executor
-    from apil_core.bench.schedule import Course
+    from apil_core.studies.bench.cells import Benchmark
+    from apil_core.studies.bench.executor import Executor
+    from apil_core.studies.bench.schedule import Course
 
 _WHERE = Group("Where it runs", sort_key=1)
 _ROOT = Path("runs") / "bench"
@@ -81,12 +81,12 @@ def run(
     cells are kept, half ones resume to the bit. A cell that fails is reported and does not stop the others.
     Cells start seed by seed, in each method by method, in each game by game, as the matrix lists them.
     """
-    from apil_core.bench.cells import resolve_matrix
-    from apil_core.bench.folder import BenchDir
-    from apil_core.bench.jobs import Ledger, make_jobs
-    from apil_core.bench.players import with_full_names
-    from apil_core.bench.schedule import run_jobs
     from apil_core.cli.bench_table import make_watch, print_course, print_plan
+    from apil_core.studies.bench.cells import resolve_matrix
+    from apil_core.studies.bench.folder import BenchDir
+    from apil_core.studies.bench.jobs import Ledger, make_jobs
+    from apil_core.studies.bench.players import with_full_names
+    from apil_core.studies.bench.schedule import run_jobs
 
     source, directory = _source(matrix, out)
     if steps is not None:
@@ -106,7 +106,7 @@ def run(
     jobs = make_jobs(benchmark)
     ledger = Ledger(bench, benchmark)
     if dry_run:
-        from apil_core.bench.estimate import estimate
+        from apil_core.studies.bench.estimate import estimate
 
         with make_progress(quiet=quiet) as progress:
             cost = estimate(benchmark, ledger, threads=each, jobs=jobs, note=progress.note)
@@ -126,8 +126,8 @@ def run(
 
 def _source(name: str, out: Path | None) -> tuple[Any, Path]:
     """The matrix, and the directory of its benchmark."""
-    from apil_core.bench.folder import BenchDir
-    from apil_core.bench.matrix import load_matrix
+    from apil_core.studies.bench.folder import BenchDir
+    from apil_core.studies.bench.matrix import load_matrix
 
     if Path(name).is_dir():
         if out is not None and out.resolve() != Path(name).resolve():
@@ -149,10 +149,10 @@ def _same_as_stored(bench: Any, benchmark: Benchmark, named: Collection[str] = (
         ConfigError: a cell or a retraining that was begun there has other settings now.
         RunDirError: the directory holds something else.
     """
-    from apil_core.bench.cells import resolve_matrix
-    from apil_core.bench.still_valid import check_same_retraining
-    from apil_core.bench.work import check_same
     from apil_core.common.errors import RunDirError
+    from apil_core.studies.bench.cells import resolve_matrix
+    from apil_core.studies.bench.still_valid import check_same_retraining
+    from apil_core.studies.bench.work import check_same
 
     if not bench.matrix_path.is_file():
         if bench.path.exists() and (not bench.path.is_dir() or _occupied(bench.path)):
@@ -209,12 +209,12 @@ def _share(workers: int | None, threads: int | None, executor: str) -> tuple[int
 
 def _executor(kind: str, root: Path, workers: int, threads: int, address: str | None) -> Executor:
     if kind == "ray":
-        from apil_core.bench.ray_executor import RayExecutor
+        from apil_core.studies.bench.ray_executor import RayExecutor
 
         return RayExecutor(root, workers or None, threads, address)
     if address is not None:
         raise ConfigError("--address is a Ray cluster's: add --executor ray")
-    from apil_core.bench.executor import LocalProcesses
+    from apil_core.studies.bench.executor import LocalProcesses
 
     return LocalProcesses(root, workers, threads)
 

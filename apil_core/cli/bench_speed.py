@@ -16,7 +16,7 @@ from apil_core.common.errors import ConfigError
 from apil_core.config.layers import preset_names
 
 if TYPE_CHECKING:
-    from apil_core.speed.report import SpeedReport
+    from apil_core.studies.speed.report import SpeedReport
 
 _WHAT = Group("What to measure: every combination of", sort_key=0)
 _HOW = Group("How", sort_key=1)
@@ -120,8 +120,8 @@ def speed(
     from apil_core.cli.speed_progress import make_speed_progress
     from apil_core.cli.speed_table import print_report
     from apil_core.plugins.discovery import discover
-    from apil_core.speed.bench import measure
-    from apil_core.speed.plan import SpeedRequest, make_plan
+    from apil_core.studies.speed.bench import measure
+    from apil_core.studies.speed.plan import SpeedRequest, make_plan
 
     axes: dict[str, Any] = {
         "envs": env,
@@ -178,7 +178,7 @@ def _check_out(out: Path | None, force: bool) -> None:
 
 def _keep(report: SpeedReport, out: Path | None) -> None:
     """Write what is measured so far."""
-    from apil_core.speed.picture import draw_speed
+    from apil_core.studies.speed.picture import draw_speed
 
     if out is not None:
         report.write(out / REPORT)

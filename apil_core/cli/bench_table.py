@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 from rich.live import Live
 from rich.table import Table
 
-from apil_core.bench.jobs import CELL, RETRAINING, Job, Ledger
-from apil_core.bench.schedule import Course, State, Watch, jobs_done
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.readout import duration, outcomes
+from apil_core.studies.bench.jobs import CELL, RETRAINING, Job, Ledger
+from apil_core.studies.bench.schedule import Course, State, Watch, jobs_done
 from apil_core.training.storage.run_dir import RunDir
 
 if TYPE_CHECKING:
-    from apil_core.bench.cells import Benchmark, Cell
-    from apil_core.bench.estimate import Estimate
+    from apil_core.studies.bench.cells import Benchmark, Cell
+    from apil_core.studies.bench.estimate import Estimate
 
 _BETWEEN = 2.0
 """Seconds between looks into the directories of running cells."""

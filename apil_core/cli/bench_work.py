@@ -25,8 +25,8 @@ def work(
     ] = False,
 ) -> int:
     """Do what is left of one job of a benchmark."""
-    from apil_core.bench.work import perform
     from apil_core.cli.plain import PlainProgress
+    from apil_core.studies.bench.work import perform
 
     if supervised:
         _listen()

@@ -102,11 +102,11 @@ def crossplay(
     """
     from apil_core.cli.crossplay_table import print_crossplay
     from apil_core.common.files import check_place
-    from apil_core.curve_picture import check_picture
     from apil_core.evaluation.crossplay.crossplay import crossplay as play
     from apil_core.evaluation.crossplay.document import comparisons
     from apil_core.evaluation.crossplay.heat_map import draw_crossplay
     from apil_core.runs.labels import labelled
+    from apil_core.studies.curves.picture import check_picture
 
     if picture is not None:
         check_picture(picture)

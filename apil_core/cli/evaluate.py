@@ -84,7 +84,7 @@ def evaluate(
     else:
         print_score(result)
     if keep is not None and folder is not None:
-        from apil_core.bench.folder import write_score
+        from apil_core.studies.bench.folder import write_score
 
         write_score(folder, keep, result)
 
@@ -96,9 +96,9 @@ def _keeping(adversary: str, name: str) -> Path:
         ConfigError: there is no run, the name is none, or taken.
         ApilError: nothing can be written there.
     """
-    from apil_core.bench.folder import score_path
-    from apil_core.bench.matrix import PLAIN, check_name
     from apil_core.common.files import check_place
+    from apil_core.studies.bench.folder import score_path
+    from apil_core.studies.bench.matrix import PLAIN, check_name
     from apil_core.training.export.run_policy import Source, run_path
 
     try:

@@ -14,7 +14,7 @@ from apil_core.common.errors import ConfigError
 from apil_core.config.kind import is_retraining
 
 if TYPE_CHECKING:
-    from apil_core.curve_groups import CurveGroup
+    from apil_core.studies.curves.groups import CurveGroup
 
 
 def plot(
@@ -39,8 +39,8 @@ def plot(
     Runs that differ in the seed only become one line, their mean, with their standard deviation as a band.
     Points are evaluations with 95 % intervals. Of a retraining: the victim's shares against each opponent.
     """
-    from apil_core.curve_groups import read_groups
-    from apil_core.curve_picture import check_picture, draw_curves
+    from apil_core.studies.curves.groups import read_groups
+    from apil_core.studies.curves.picture import check_picture, draw_curves
     from apil_core.training.storage.run_dir import RunDir
 
     check_picture(out)
@@ -61,8 +61,8 @@ def plot(
 def _draw_retraining(
     directories: Sequence[Path], retraining: Path, metrics: Sequence[str], out: Path
 ) -> list[CurveGroup]:
-    from apil_core.retraining.curve import draw_opponents
     from apil_core.runs.retraining.folder import RetrainDir
+    from apil_core.studies.curves.retraining import draw_opponents
 
     if len(directories) > 1:
         raise ConfigError(f"{retraining} is a retraining: draw it alone")

@@ -174,8 +174,8 @@ def print_result(result: RetrainResult) -> None:
 
 def _draw_curve(result: RetrainResult, *, silent: bool) -> None:
     """``curve.png`` in its directory; nothing depends on it, so what keeps it from being made is a note."""
-    from apil_core.retraining.curve import draw_opponents
     from apil_core.runs.retraining.folder import RetrainDir
+    from apil_core.studies.curves.retraining import draw_opponents
 
     directory = RetrainDir(result.directory)
     try:

@@ -15,7 +15,7 @@ from apil_core.cli.readout import game_name, percent
 from apil_core.common.errors import ConfigError, RunDirError
 
 if TYPE_CHECKING:
-    from apil_core.cli.comparison import Comparison, Difference
+    from apil_core.studies.comparison import Comparison, Difference
     from apil_core.training.storage.run_dir import RunDir
 
 app = sub_app("runs", "List runs, compare their scores, draw their learning curves.")
@@ -55,7 +55,7 @@ def compare(
     as_json: Json = False,
 ) -> None:
     """Compare final scores with the first run's; differences that chance explains are marked."""
-    from apil_core.cli.comparison import compare as side_by_side
+    from apil_core.studies.comparison import compare as side_by_side
     from apil_core.training.storage.run_dir import RunDir
 
     result = side_by_side([RunDir(directory) for directory in directories])

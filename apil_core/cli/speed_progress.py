@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 from apil_core.cli.output import console
 from apil_core.cli.readout import duration
-from apil_core.speed.bench import SpeedWatch
+from apil_core.studies.speed.bench import SpeedWatch
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from apil_core.speed.plan import CellPlan
-    from apil_core.speed.report import SpeedReport
+    from apil_core.studies.speed.plan import CellPlan
+    from apil_core.studies.speed.report import SpeedReport
 
 
 class QuietWatch(SpeedWatch):

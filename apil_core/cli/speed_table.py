@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from apil_core.cli.output import console, table
 
 if TYPE_CHECKING:
-    from apil_core.speed.report import Cell, HookCost, SpeedReport, SpeedRow, Spread
+    from apil_core.studies.speed.report import Cell, HookCost, SpeedReport, SpeedRow, Spread
 
 
 def print_report(report: SpeedReport, out: Path | None) -> None:
     """Machine, then a table for each setting, then where the files are."""
-    from apil_core.speed.report import of_setting
+    from apil_core.studies.speed.report import of_setting
 
     screen, machine = console(), report.machine
     screen.print(
@@ -51,7 +51,7 @@ def _title(cell: Cell) -> str:
 
 
 def _cells(row: SpeedRow) -> list[str]:
-    from apil_core.speed.report import CAPTIONS
+    from apil_core.studies.speed.report import CAPTIONS
 
     rate, ratio = row.steps_per_second, row.ratio
     return [

@@ -10,11 +10,11 @@ from typing import Any
 
 import psutil
 
-from apil_core.bench.cells import resolve_matrix
-from apil_core.bench.folder import BenchDir, read_score
-from apil_core.bench.jobs import Ledger, make_jobs
-from apil_core.bench.matrix import Matrix
-from apil_core.bench.work import Outcome, perform
+from apil_core.studies.bench.cells import resolve_matrix
+from apil_core.studies.bench.folder import BenchDir, read_score
+from apil_core.studies.bench.jobs import Ledger, make_jobs
+from apil_core.studies.bench.matrix import Matrix
+from apil_core.studies.bench.work import Outcome, perform
 from apil_core.training.storage.recorders import read_metrics
 
 TIMINGS = {"wall_seconds", "steps_per_second", "collect_seconds", "update_seconds", "memory_mb"}

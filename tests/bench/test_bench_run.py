@@ -15,13 +15,13 @@ from typing import Any
 
 import pytest
 
-from apil_core.bench.cells import resolve_matrix
-from apil_core.bench.executor import LocalProcesses
-from apil_core.bench.folder import BenchDir, score_path
-from apil_core.bench.jobs import Ledger, make_jobs
-from apil_core.bench.schedule import Watch, run_jobs
-from apil_core.bench.work import perform
 from apil_core.cli import main
+from apil_core.studies.bench.cells import resolve_matrix
+from apil_core.studies.bench.executor import LocalProcesses
+from apil_core.studies.bench.folder import BenchDir, score_path
+from apil_core.studies.bench.jobs import Ledger, make_jobs
+from apil_core.studies.bench.schedule import Watch, run_jobs
+from apil_core.studies.bench.work import perform
 from apil_core.training.storage.recorders import read_metrics
 from bench.small_matrix import Here, made, outcome, process_of, rows_of, small_matrix, undisturbed, until
 
@@ -88,8 +88,8 @@ def test_a_job_does_what_is_missing_and_no_more(done: Ledger):
 
 def test_a_job_waits_for_a_process_that_is_still_at_it(done: Ledger, monkeypatch: pytest.MonkeyPatch):
     """One whose supervisor died, and that is writing its last checkpoint."""
-    from apil_core.bench import work
     from apil_core.common.errors import RunDirError
+    from apil_core.studies.bench import work
 
     monkeypatch.setattr(work, "_PATIENCE", 0.2)
     with work._alone(done.bench, CELL), pytest.raises(RunDirError, match=f"has been at {CELL}"):
@@ -209,7 +209,7 @@ def test_stopped_while_the_first_job_begins_and_others_queue(tmp_path: Path):
 
 def test_a_second_ctrl_c_ends_jobs_at_once(tmp_path: Path):
     """A job in a process that does not listen: only a kill ends it."""
-    from apil_core.bench.supervised import SupervisedJob
+    from apil_core.studies.bench.supervised import SupervisedJob
 
     ledger = made(tmp_path / "b", small_matrix())
     with SupervisedJob(ledger.bench.path, CELL, 1) as job:
@@ -228,7 +228,7 @@ def test_a_job_stops_with_a_checkpoint_when_its_supervisor_is_killed(tmp_path: P
     ledger = made(tmp_path / "b", small_matrix(steps=steps))
     name = make_jobs(ledger.benchmark)[0].name
     code = (
-        "import signal, sys; from pathlib import Path; from apil_core.bench.executor import LocalProcesses\n"
+        "import signal, sys; from pathlib import Path; from apil_core.studies.bench.executor import LocalProcesses\n"
         "signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})\n"
         "LocalProcesses(Path(sys.argv[1]), 1, 1).submit(sys.argv[2]).result()"
     )

@@ -7,17 +7,17 @@ from typing import Any
 
 import pytest
 
-from apil_core.bench.cells import resolve_matrix
-from apil_core.bench.folder import BenchDir, read_crossplay
-from apil_core.bench.jobs import Ledger, make_jobs
-from apil_core.bench.matrix import Matrix, RetrainingStage, load_matrix
-from apil_core.bench.players import with_full_names
-from apil_core.bench.schedule import run_jobs
-from apil_core.bench.still_valid import check_same_retraining
 from apil_core.cli.bench_run import _same_as_stored
 from apil_core.common.errors import ConfigError
 from apil_core.common.numbers import whole_number
 from apil_core.evaluation.crossplay.document import CrossPlay
+from apil_core.studies.bench.cells import resolve_matrix
+from apil_core.studies.bench.folder import BenchDir, read_crossplay
+from apil_core.studies.bench.jobs import Ledger, make_jobs
+from apil_core.studies.bench.matrix import Matrix, RetrainingStage, load_matrix
+from apil_core.studies.bench.players import with_full_names
+from apil_core.studies.bench.schedule import run_jobs
+from apil_core.studies.bench.still_valid import check_same_retraining
 from tests.bench.small_matrix import Here, small_matrix
 
 GAME = "toy-pursuit"

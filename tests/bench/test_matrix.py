@@ -11,11 +11,11 @@ import pytest
 from pydantic import ValidationError
 
 from apil_core import ConfigError, evaluate
-from apil_core.bench.cells import resolve_matrix
-from apil_core.bench.folder import BenchDir
-from apil_core.bench.jobs import matches
-from apil_core.bench.matrix import Matrix, load_matrix, matrix_names
 from apil_core.common.errors import ApilError
+from apil_core.studies.bench.cells import resolve_matrix
+from apil_core.studies.bench.folder import BenchDir
+from apil_core.studies.bench.jobs import matches
+from apil_core.studies.bench.matrix import Matrix, load_matrix, matrix_names
 from bench.small_matrix import small_matrix
 
 

@@ -18,10 +18,10 @@ import psutil
 import pytest
 
 from apil_core import ApilError
-from apil_core.bench.jobs import Ledger, make_jobs
-from apil_core.bench.ray_cluster import connect, slots
-from apil_core.bench.ray_executor import RayExecutor, _work
-from apil_core.bench.schedule import Course, run_jobs
+from apil_core.studies.bench.jobs import Ledger, make_jobs
+from apil_core.studies.bench.ray_cluster import connect, slots
+from apil_core.studies.bench.ray_executor import RayExecutor, _work
+from apil_core.studies.bench.schedule import Course, run_jobs
 from bench.small_matrix import made, outcome, process_of, rows_of, small_matrix, undisturbed, until
 
 pytest.importorskip("ray", reason="Ray is not installed (pip install 'apil[ray]')")

@@ -12,8 +12,8 @@ from rich.console import Console
 
 from apil_core.cli.speed_progress import BarWatch
 from apil_core.plugins.registry import default_plugins
-from apil_core.speed.bench import measure
-from apil_core.speed.plan import SpeedRequest, make_plan
+from apil_core.studies.speed.bench import measure
+from apil_core.studies.speed.plan import SpeedRequest, make_plan
 from cli.cli_helpers import COIN, Apil
 
 SMALL = ("--env", "toy-pursuit", "--batch", "64", "--seconds", "0.01", "--threads", "1")

@@ -12,17 +12,17 @@ import torch
 from scipy.stats import multivariate_normal, t
 
 from apil_core import ApilError, Decision, Policy, PolicyInfo, VictimError, View, evaluate
-from apil_core.activations.analysis import Sampling, analyze
-from apil_core.activations.density import check_density, fit_density
-from apil_core.activations.embedding import embed, usable_perplexity
-from apil_core.activations.intervals import gap, mean_interval
-from apil_core.activations.models import ActivationMap
-from apil_core.activations.picture import draw_activations
-from apil_core.activations.recording import RecordingPolicy, record
-from apil_core.activations.sampling import even_sample, game_means
 from apil_core.evaluation.pairing import load_pairing
 from apil_core.evaluation.progress import Progress
 from apil_core.runs.runner import run
+from apil_core.studies.activations.analysis import Sampling, analyze
+from apil_core.studies.activations.density import check_density, fit_density
+from apil_core.studies.activations.embedding import embed, usable_perplexity
+from apil_core.studies.activations.intervals import gap, mean_interval
+from apil_core.studies.activations.models import ActivationMap
+from apil_core.studies.activations.picture import draw_activations
+from apil_core.studies.activations.recording import RecordingPolicy, record
+from apil_core.studies.activations.sampling import even_sample, game_means
 from core.small_runs import small_config
 
 SMALL = Sampling(games=6, steps=20, points=24, perplexity=5, components=2)

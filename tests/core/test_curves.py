@@ -9,9 +9,9 @@ import pytest
 
 from apil_core import ApilError, ConfigError, RunDirError
 from apil_core.common import colours
-from apil_core.curve_groups import read_groups
-from apil_core.curve_picture import draw_curves
-from apil_core.curves import read_curve
+from apil_core.studies.curves.curves import read_curve
+from apil_core.studies.curves.groups import read_groups
+from apil_core.studies.curves.picture import draw_curves
 from core.paper_runs import VICTIM, row, score, write_run
 
 THREE = [row(1000, 10, 5), row(2000, 40, 10, 6), row(3000, 100, 50, 10)]

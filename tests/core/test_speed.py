@@ -11,15 +11,15 @@ from PIL import Image
 
 from apil_core.common.errors import ApilError, ConfigError, RunDirError
 from apil_core.plugins.registry import default_plugins
-from apil_core.speed.bench import SpeedWatch, measure
-from apil_core.speed.blocks import Blocks, Lap
-from apil_core.speed.contestant import Contestant
-from apil_core.speed.hooks import TimedHooks
-from apil_core.speed.peak import PeakMemory
-from apil_core.speed.picture import draw_speed
-from apil_core.speed.plan import CellPlan, SpeedRequest, make_plan
-from apil_core.speed.replay import Replay
-from apil_core.speed.report import LEVELS, Interval, Setting, SpeedReport, Spread, of_setting
+from apil_core.studies.speed.bench import SpeedWatch, measure
+from apil_core.studies.speed.blocks import Blocks, Lap
+from apil_core.studies.speed.contestant import Contestant
+from apil_core.studies.speed.hooks import TimedHooks
+from apil_core.studies.speed.peak import PeakMemory
+from apil_core.studies.speed.picture import draw_speed
+from apil_core.studies.speed.plan import CellPlan, SpeedRequest, make_plan
+from apil_core.studies.speed.replay import Replay
+from apil_core.studies.speed.report import LEVELS, Interval, Setting, SpeedReport, Spread, of_setting
 from core.small_runs import small_config
 
 TOY = SpeedRequest(envs=["toy-pursuit"], num_envs=[4, 8], batch=64, seconds=0.01)

@@ -15,8 +15,8 @@ from apil_core.api.hooks import hookimpl
 from apil_core.common.errors import PluginError
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.registry import default_plugins
-from apil_core.speed.contestant import Contestant
-from apil_core.speed.hooks import TAPE, DirectHooks, TimedHooks, direct_caller
+from apil_core.studies.speed.contestant import Contestant
+from apil_core.studies.speed.hooks import TAPE, DirectHooks, TimedHooks, direct_caller
 from core.small_runs import differences, small_config
 
 spec = pluggy.HookspecMarker("many")

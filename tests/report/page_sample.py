@@ -10,10 +10,10 @@ from io import BytesIO
 import numpy as np
 from PIL import Image
 
-from apil_core.curves import Line, ScorePoint
 from apil_core.evaluation.results import wilson
-from apil_core.report import models as m
-from apil_core.report.statistics import compared, published_rate, share, verdict
+from apil_core.studies.curves.curves import Line, ScorePoint
+from apil_core.studies.report import models as m
+from apil_core.studies.report.statistics import compared, published_rate, share, verdict
 
 NASTY = "<b>my</b> & \"co\" </script><script>document.title='owned'</script>"
 """A plugin's name as it must never be read: as markup."""

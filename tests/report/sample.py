@@ -9,19 +9,19 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from apil_core.activations.models import ActivationMap, LogLikelihood
 from apil_core.api.config import RunConfig
-from apil_core.bench.cells import Cell, resolve_matrix
-from apil_core.bench.folder import BenchDir, write_score
-from apil_core.bench.matrix import Matrix
 from apil_core.evaluation.crossplay.document import CrossPlay, Player
 from apil_core.evaluation.results import EvaluationResult, wilson
-from apil_core.report import cells
-from apil_core.report.evidence import gather
-from apil_core.report.models import Evidence, Side, Table
-from apil_core.report.paper_claims import ORDER
 from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.runs.retraining.folder import RetrainDir
+from apil_core.studies.activations.models import ActivationMap, LogLikelihood
+from apil_core.studies.bench.cells import Cell, resolve_matrix
+from apil_core.studies.bench.folder import BenchDir, write_score
+from apil_core.studies.bench.matrix import Matrix
+from apil_core.studies.report import cells
+from apil_core.studies.report.evidence import gather
+from apil_core.studies.report.models import Evidence, Side, Table
+from apil_core.studies.report.paper_claims import ORDER
 from apil_core.training.storage.recorders import JsonlRecorder
 from apil_core.training.storage.run_dir import RunDir
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from apil_core.report.aggregates import aggregates
+from apil_core.studies.report.aggregates import aggregates
 from report.sample import KICK, SUMO, hand_table
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from apil_core.report.cautions import tie_meaning
-from apil_core.report.models import Endings, Setting
-from apil_core.report.words import amount, budget_mark
+from apil_core.studies.report.cautions import tie_meaning
+from apil_core.studies.report.models import Endings, Setting
+from apil_core.studies.report.words import amount, budget_mark
 
 
 def _endings(wins: int, ties: int, losses: int, **causes: int) -> Endings:

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from apil_core.bench.folder import BenchDir
 from apil_core.common.errors import RunDirError
-from apil_core.report.evidence import gather
-from apil_core.report.models import Cell, Evidence, Table
-from apil_core.report.tables import write_tables
+from apil_core.studies.bench.folder import BenchDir
+from apil_core.studies.report.evidence import gather
+from apil_core.studies.report.models import Cell, Evidence, Table
+from apil_core.studies.report.tables import write_tables
 from report.sample import BASELINES, FAILED, KICK, SUMO, WORKING, sample_bench
 
 PREDICTION = "options.apil.prediction"

@@ -8,11 +8,11 @@ from typing import Any
 from core.paper_runs import VICTIM, row
 from core.small_runs import small_config
 
-from apil_core.bench.folder import write_score
 from apil_core.config.resolve import complete
 from apil_core.plugins.registry import default_plugins
-from apil_core.report.evidence import gather
-from apil_core.report.models import Evidence
+from apil_core.studies.bench.folder import write_score
+from apil_core.studies.report.evidence import gather
+from apil_core.studies.report.models import Evidence
 from apil_core.training.storage.run_dir import RunDir
 from report.sample import KICK, VICTIMS, result, write_run
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from apil_core.evaluation.crossplay.document import CrossPlay, Player
-from apil_core.report.hardened import Attack, Played, hardened_tables
-from apil_core.report.models import Setting, Table
+from apil_core.studies.report.hardened import Attack, Played, hardened_tables
+from apil_core.studies.report.models import Setting, Table
 from report.sample import KICK, VICTIMS, result
 
 COLUMNS = ["baseline", "adrl", "e_apil"]

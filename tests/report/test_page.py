@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from apil_core.report.models import Evidence
-from apil_core.report.page import render, write_page
-from apil_core.report.page_summary import bests
+from apil_core.studies.report.models import Evidence
+from apil_core.studies.report.page import render, write_page
+from apil_core.studies.report.page_summary import bests
 from report import page_sample
 from report.page_sample import NASTY
 

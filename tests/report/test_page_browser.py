@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from apil_core.report.page import write_page
+from apil_core.studies.report.page import write_page
 from report import page_sample
 from report.page_sample import NASTY
 

@@ -6,18 +6,18 @@ import plotly.graph_objects as go
 import pytest
 
 from apil_core.common import colours
-from apil_core.curves import WIN, WIN_OR_TIE
-from apil_core.report.figures import palette
-from apil_core.report.figures.activations import activation_plots
-from apil_core.report.figures.curves import learning_curves, retraining_curves
-from apil_core.report.figures.diagnostics import diagnostic_plots
-from apil_core.report.figures.dots import ablation_dots, aggregate_dots
-from apil_core.report.figures.endings import SEEING, ending_bars
-from apil_core.report.figures.heat import crossplay_maps
-from apil_core.report.figures.plot import scale_top
-from apil_core.report.models import Evidence
-from apil_core.report.page import render
-from apil_core.report.page_sections import sections
+from apil_core.studies.curves.curves import WIN, WIN_OR_TIE
+from apil_core.studies.report.figures import palette
+from apil_core.studies.report.figures.activations import activation_plots
+from apil_core.studies.report.figures.curves import learning_curves, retraining_curves
+from apil_core.studies.report.figures.diagnostics import diagnostic_plots
+from apil_core.studies.report.figures.dots import ablation_dots, aggregate_dots
+from apil_core.studies.report.figures.endings import SEEING, ending_bars
+from apil_core.studies.report.figures.heat import crossplay_maps
+from apil_core.studies.report.figures.plot import scale_top
+from apil_core.studies.report.models import Evidence
+from apil_core.studies.report.page import render
+from apil_core.studies.report.page_sections import sections
 from report import page_sample
 
 SETTINGS = {"s1": "main"}

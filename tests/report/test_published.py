@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from apil_core.report.published import FILE, published
+from apil_core.studies.report.published import FILE, published
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / FILE
 
@@ -25,7 +25,7 @@ def test_the_package_has_the_tables() -> None:
 
 @pytest.mark.skipif(not SHARED.is_file(), reason="the shared data is not beside this checkout")
 def test_they_are_the_shared_ones() -> None:
-    text = (resources.files("apil_core.report") / FILE).read_text("utf-8")
+    text = (resources.files("apil_core.studies.report") / FILE).read_text("utf-8")
     assert json.loads(text) == json.loads(SHARED.read_text("utf-8"))
 
 

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from apil_core.bench.cells import resolve_matrix
-from apil_core.bench.folder import BenchDir, read_score, write_score
-from apil_core.bench.jobs import make_jobs
-from apil_core.bench.matrix import Matrix
-from apil_core.bench.work import perform
 from apil_core.cli.bench_report import report
 from apil_core.common.errors import ApilError
 from apil_core.evaluation.results import PolicyId
-from apil_core.report.evidence import gather
+from apil_core.studies.bench.cells import resolve_matrix
+from apil_core.studies.bench.folder import BenchDir, read_score, write_score
+from apil_core.studies.bench.jobs import make_jobs
+from apil_core.studies.bench.matrix import Matrix
+from apil_core.studies.bench.work import perform
+from apil_core.studies.report.evidence import gather
 
 TOY = "toy-pursuit"
 EPISODES = 40

@@ -6,7 +6,7 @@ import pytest
 
 from apil_core.common.statistics import difference
 from apil_core.evaluation.results import wilson
-from apil_core.report.statistics import (
+from apil_core.studies.report.statistics import (
     compared,
     interquartile_mean,
     published_rate,

@@ -13,11 +13,11 @@ from ruamel.yaml import YAML
 
 import apil_core
 from apil_core import check_policy, load_policy, make_game, run
-from apil_core.bench.cells import resolve_matrix
-from apil_core.bench.matrix import load_matrix
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.scaffold.names import LONGEST
 from apil_core.plugins.scaffold.package import TEMPLATES, Written
+from apil_core.studies.bench.cells import resolve_matrix
+from apil_core.studies.bench.matrix import load_matrix
 from apil_core.testing import check_game, tiny_config
 from scaffold.packages import KINDS, write, write_all
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from apil_core.theory.bounds import (
+from apil_core.studies.theory.bounds import (
     imitation_constant,
     informative_kl,
     lemma_bound,
@@ -17,11 +17,11 @@ from apil_core.theory.bounds import (
     other_adversary_bound,
     unfixed_victim_bound,
 )
-from apil_core.theory.comparisons import moved_victim, other_adversary, transferred_imitator
-from apil_core.theory.games import ADVERSARY, VICTIM, TabularGame, coin
-from apil_core.theory.imitation import Imitation
-from apil_core.theory.policies import kl_bits
-from apil_core.theory.survey import survey
+from apil_core.studies.theory.comparisons import moved_victim, other_adversary, transferred_imitator
+from apil_core.studies.theory.games import ADVERSARY, VICTIM, TabularGame, coin
+from apil_core.studies.theory.imitation import Imitation
+from apil_core.studies.theory.policies import kl_bits
+from apil_core.studies.theory.survey import survey
 from theory.scenes import Scene, scenes
 
 

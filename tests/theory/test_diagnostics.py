@@ -16,9 +16,9 @@ import apil_core
 from apil_core import ConfigError, RunDirError
 from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.api.types import Decision, DiagonalGaussian, View
-from apil_core.theory.compared_games import ComparedGames, ComparedPolicy
-from apil_core.theory.diagnostics import BOUND, IMITATOR_KL, KL, KL_MAX, Diagnostics, diagnose
-from apil_core.theory.policy_change import PolicyChange, _compare, policy_changes
+from apil_core.studies.theory.compared_games import ComparedGames, ComparedPolicy
+from apil_core.studies.theory.diagnostics import BOUND, IMITATOR_KL, KL, KL_MAX, Diagnostics, diagnose
+from apil_core.studies.theory.policy_change import PolicyChange, _compare, policy_changes
 from apil_core.training.storage.run_dir import RunDir
 
 NAN = float("nan")

@@ -6,10 +6,10 @@ import numpy as np
 import torch
 from hypothesis import given, settings
 
-from apil_core.theory.games import ADVERSARY, VICTIM, TabularGame, rock_paper_scissors
-from apil_core.theory.gradients import derivative, enumerated_gradient, finite_value, policy_gradient
-from apil_core.theory.imitation import Imitation
-from apil_core.theory.policies import random_policy, softmax
+from apil_core.studies.theory.games import ADVERSARY, VICTIM, TabularGame, rock_paper_scissors
+from apil_core.studies.theory.gradients import derivative, enumerated_gradient, finite_value, policy_gradient
+from apil_core.studies.theory.imitation import Imitation
+from apil_core.studies.theory.policies import random_policy, softmax
 from theory.scenes import Scene, scenes
 
 HORIZON = 3

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from apil_core.theory.games import ADVERSARY, VICTIM, random_game, rock_paper_scissors
-from apil_core.theory.imitation import Imitation
-from apil_core.theory.policies import random_policy
+from apil_core.studies.theory.games import ADVERSARY, VICTIM, random_game, rock_paper_scissors
+from apil_core.studies.theory.imitation import Imitation
+from apil_core.studies.theory.policies import random_policy
 from theory.scenes import Scene, scenes
 
 

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from apil_core.theory.games import ADVERSARY, VICTIM, rock_paper_scissors, tug_of_war
-from apil_core.theory.mdp import MDP
-from apil_core.theory.policies import PINSKER, at_distance, kl_bits, random_policy
+from apil_core.studies.theory.games import ADVERSARY, VICTIM, rock_paper_scissors, tug_of_war
+from apil_core.studies.theory.mdp import MDP
+from apil_core.studies.theory.policies import PINSKER, at_distance, kl_bits, random_policy
 from theory.scenes import Scene, scenes
 
 

@@ -1,0 +1,170 @@
+"""What a matrix will cost: step rates and lengths of games measured here, for every kind of cell it has."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from apil_core.api.config import RunConfig
+from apil_core.config.game import without_physics
+from apil_core.studies.bench.cells import Benchmark, Cell
+from apil_core.studies.bench.folder import BenchDir
+from apil_core.studies.bench.jobs import Job, Ledger
+from apil_core.studies.bench.matrix import ScoreConfig
+
+_STEPS = 32
+"""Steps per game of an iteration measured: long enough for its parts, short enough to wait for."""
+
+_GAMES = 64
+"""Games played for the time that one takes."""
+
+
+@dataclass(frozen=True)
+class Rate:
+    """How fast a cell trains here.
+
+    Attributes:
+        steps_per_second: environment steps of one worker, alone on the machine as it is now.
+        source: ``"its run"``, if the cell has begun, else ``"measured now"``.
+    """
+
+    steps_per_second: float
+    source: str
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Cost of a benchmark on one worker, s.
+
+    Attributes:
+        rates: of training, by cell's name.
+        training: seconds that are left, by cell's name.
+        scoring: seconds that are left, by cell's name; of games between a random adversary and the victim,
+            so a guess: games of trained adversaries may last shorter or longer.
+        retraining: seconds that are left of it, at the cells' own rates; a guess, too.
+    """
+
+    rates: dict[str, Rate]
+    training: dict[str, float]
+    scoring: dict[str, float]
+    retraining: float
+
+    def hours(self, workers: int) -> float:
+        """Of all that is left, if workers did not slow each other down and never waited."""
+        seconds = sum(self.training.values()) + sum(self.scoring.values()) + self.retraining
+        return seconds / workers / 3600
+
+
+def estimate(
+    benchmark: Benchmark,
+    ledger: Ledger,
+    *,
+    threads: int,
+    jobs: list[Job] | None = None,
+    note: Callable[[str], None] = lambda text: None,
+) -> Estimate:
+    """Measure what the cells need; a few seconds for each method in each game.
+
+    Args:
+        benchmark: what is to be run.
+        ledger: knows what of it is done.
+        threads: physics threads of a worker.
+        jobs: of the benchmark, retrainings among them.
+        note: told what is being measured.
+    """
+    rates: dict[str, Rate] = {}
+    known: dict[Any, float] = {}
+    for cell in benchmark.cells:
+        own = _own_rate(ledger.bench, cell)
+        if own is None:
+            kind = _kind(cell.config)
+            if kind not in known:
+                note(f"measuring {cell.method} in {cell.game}")
+                known[kind] = _measure(cell.config, benchmark, threads)
+            rates[cell.name] = Rate(known[kind], "measured now")
+        else:
+            rates[cell.name] = Rate(own, "its run")
+    training = {c.name: _left(ledger, c) / rates[c.name].steps_per_second for c in benchmark.cells}
+    lengths: dict[Any, float] = {}
+    scoring = {c.name: _scoring(c, benchmark, ledger, lengths, threads, note) for c in benchmark.cells}
+    hardening = [job for job in jobs or () if job.kind == "retrained" and not ledger.is_done(job)]
+    return Estimate(
+        rates, training, scoring, sum(job.steps / rates[job.subject].steps_per_second for job in hardening)
+    )
+
+
+def _own_rate(bench: BenchDir, cell: Cell) -> float | None:
+    last = bench.cell(cell.name).last_metrics()
+    seconds, steps = last.get("wall_seconds"), last.get("steps")
+    return steps / seconds if seconds and steps else None
+
+
+def _kind(config: RunConfig) -> str:
+    """What the speed depends on: everything but the seed and the budget."""
+    return config.model_dump_json(exclude={"seed", "steps", "evaluation", "checkpoint", "recorders"})
+
+
+def _left(ledger: Ledger, cell: Cell) -> int:
+    if ledger.trained(cell):
+        return 0
+    return max(cell.steps - int(ledger.bench.cell(cell.name).last_metrics().get("steps", 0)), 0)
+
+
+def _measure(config: RunConfig, benchmark: Benchmark, threads: int) -> float:
+    """Steps per second of the second iteration of a shortened run; the first one warms up."""
+    from apil_core.common.torch_threads import one_torch_thread
+    from apil_core.training.build import build
+    from apil_core.training.trainer import Trainer
+
+    steps = min(_STEPS, config.ppo.num_steps)
+    ppo = config.ppo.model_copy(update={"num_steps": steps})
+    short = config.model_copy(update={"ppo": ppo, "threads": threads, "init_from": None})
+    trainer = Trainer(build(short, benchmark.plugins), benchmark.plugins)
+    try:
+        with one_torch_thread():
+            trainer.iterate()
+            return trainer.iterate()["steps_per_second"]
+    finally:
+        trainer.attack.game.close()
+        trainer.side_games.close()
+
+
+def _scoring(
+    cell: Cell,
+    benchmark: Benchmark,
+    ledger: Ledger,
+    known: dict[Any, float],
+    threads: int,
+    note: Callable[[str], None],
+) -> float:
+    wanted = ledger.missing_scores(cell) if ledger.trained(cell) else benchmark.matrix.scores_of(cell.game)
+    total = 0.0
+    for score in wanted.values():
+        kind = (cell.game, cell.victim, score.physics)
+        if kind not in known:
+            note(f"measuring games of {cell.game}")
+            known[kind] = _seconds_per_game(cell, score, benchmark, threads)
+        total += known[kind] * score.episodes
+    return total
+
+
+def _seconds_per_game(cell: Cell, score: ScoreConfig, benchmark: Benchmark, threads: int) -> float:
+    from apil_core.evaluation.evaluator import evaluate
+
+    config = cell.config
+    begin = time.perf_counter()
+    evaluate(
+        "random",
+        episodes=_GAMES,
+        seed=cell.seed,
+        env=config.env,
+        victim=config.victim,
+        trust=config.trust,
+        physics=score.physics,
+        game_options=config.game if score.physics is None else without_physics(config, benchmark.plugins),
+        plugins=benchmark.plugins,
+        threads=threads,
+    )
+    return (time.perf_counter() - begin) / _GAMES

@@ -1,0 +1,256 @@
+"""A benchmark on disk: its matrix, one run directory per cell, and what is made of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from filelock import FileLock, Timeout
+
+from apil_core.common.errors import RunDirError
+from apil_core.common.files import write_atomically
+from apil_core.studies.bench.matrix import Matrix, load_matrix
+from apil_core.training.storage.run_dir import RunDir
+
+if TYPE_CHECKING:
+    from apil_core.evaluation.crossplay.document import CrossPlay
+    from apil_core.studies.activations.models import ActivationMap
+
+MATRIX_FILE = "matrix.yaml"
+
+
+@dataclass(frozen=True)
+class CellDir:
+    """One cell's run on disk, started or not.
+
+    Attributes:
+        env, method, seed, steps, victim, axes: see :class:`apil_core.studies.bench.cells.Cell`.
+        name: below ``cells/``.
+        run: its run directory.
+        failure: why the last attempt failed, or ``""``.
+    """
+
+    env: str
+    method: str
+    seed: int
+    steps: int
+    victim: str
+    axes: Mapping[str, Any]
+    name: str
+    run: RunDir
+    failure: str = ""
+
+    @property
+    def status(self) -> str:
+        """``finished``, ``failed``, ``waiting`` (nothing there yet), or what the run's directory tells."""
+        if self.failure:
+            return "failed"
+        if not self.run.config_path.is_file():
+            return "waiting"
+        return str(self.run.summary()["status"])
+
+    def score(self, name: str) -> Any:
+        """The score of that name, an ``EvaluationResult``, or ``None`` if it is not there yet.
+
+        Raises:
+            RunDirError: its file is damaged.
+        """
+        return read_score(self.run.path, name)
+
+
+class BenchDir:
+    """Paths and small files of one benchmark.
+
+    Args:
+        path: its directory; it need not exist yet.
+    """
+
+    def __init__(self, path: Path | str):
+        self.path = Path(path)
+        self.matrix_path = self.path / MATRIX_FILE
+        self.logs = self.path / "logs"
+        self.report = self.path / "report"
+
+    def matrix(self) -> Matrix:
+        """The stored, resolved matrix.
+
+        Raises:
+            RunDirError: this is no directory of a benchmark.
+        """
+        if not self.matrix_path.is_file():
+            raise RunDirError(f"{self.path} is no benchmark (no {MATRIX_FILE} in it)")
+        return load_matrix(str(self.matrix_path))
+
+    def write_matrix(self, matrix: Matrix) -> None:
+        """Store the resolved matrix, every key under a comment."""
+        from apil_core.config.yaml import commented_yaml
+
+        text = commented_yaml(matrix.model_dump(mode="json"), Matrix).encode()
+        self.path.mkdir(parents=True, exist_ok=True)
+        write_atomically(self.matrix_path, lambda file: file.write(text))
+
+    def cell(self, name: str) -> RunDir:
+        """The run directory of a cell."""
+        return RunDir(self.path / "cells" / name)
+
+    def cells(self) -> list[CellDir]:
+        """All cells of the matrix, run or not.
+
+        Raises:
+            ApilError: the matrix is damaged, or names what is not installed here.
+        """
+        from apil_core.studies.bench.cells import resolve_matrix
+
+        benchmark = resolve_matrix(self.matrix(), str(self.matrix_path))
+        return [
+            CellDir(
+                env=cell.game,
+                method=cell.method,
+                seed=cell.seed,
+                steps=cell.steps,
+                victim=cell.victim,
+                axes=cell.axes,
+                name=cell.name,
+                run=self.cell(cell.name),
+                failure=self.failure(f"cells/{cell.name}"),
+            )
+            for cell in benchmark.cells
+        ]
+
+    def baseline_dir(self, game: str, victim: str | None = None) -> Path:
+        """Where the scores of a game's baseline adversary against a victim are."""
+        names = self.matrix().victims.get(game, ())
+        first = not names or victim in (None, names[0])
+        folder = self.path / "baseline" / game
+        return folder if first else folder / "_".join(str(victim).replace(":", "/").split("/"))
+
+    def baseline(self, game: str, score: str, victim: str | None = None) -> Any:
+        """That score of the game's baseline adversary, an ``EvaluationResult``, or ``None``."""
+        return read_score(self.baseline_dir(game, victim), score)
+
+    def retrained(self) -> list[Path]:
+        """Directories of retrainings, started or finished."""
+        return sorted(path.parent for path in (self.path / "retrained").glob("*/*/*/config.yaml"))
+
+    def retrained_dir(self, cell_name: str) -> Path:
+        """Where the victim retrained against a cell's adversary is."""
+        return self.path / "retrained" / cell_name
+
+    def crossplay_path(self, game: str) -> Path:
+        """The games of every adversary against every victim."""
+        return self.path / "crossplay" / f"{game}.json"
+
+    def activations_path(self, game: str) -> Path:
+        """The victim's activations against each opponent."""
+        return self.path / "activations" / f"{game}.json"
+
+    def snapshot_path(self, cell_name: str) -> Path:
+        """The strip of pictures of a cell's adversary."""
+        return self.path / "snapshots" / f"{cell_name}.png"
+
+    def set_aside(self, cell_name: str) -> None:
+        """What was made of a cell's adversary that now trains on; games played with it tell by its hash."""
+        self.snapshot_path(cell_name).unlink(missing_ok=True)
+        retrained, earlier = self.retrained_dir(cell_name), self.path / "earlier" / cell_name
+        if retrained.is_dir():
+            earlier.mkdir(parents=True, exist_ok=True)
+            retrained.rename(earlier / f"{len(list(earlier.iterdir()))}")
+
+    def log_path(self, job: str) -> Path:
+        """What a job's process printed."""
+        return self.logs / f"{job.replace('/', '_')}.log"
+
+    def _failure_path(self, job: str) -> Path:
+        return self.logs / f"{job.replace('/', '_')}.failed.json"
+
+    def failure(self, job: str) -> str:
+        """Why a job's last attempt failed, or ``""``."""
+        path = self._failure_path(job)
+        try:
+            return str(json.loads(path.read_text())["error"])
+        except FileNotFoundError:
+            return ""
+        except (OSError, ValueError, KeyError):
+            return f"unknown: {path} is damaged"
+
+    def note_failure(self, job: str, error: str) -> None:
+        """Remember why a job failed; an empty text forgets it."""
+        path = self._failure_path(job)
+        if not error:
+            path.unlink(missing_ok=True)
+            return
+        self.logs.mkdir(parents=True, exist_ok=True)
+        text = json.dumps({"error": error}).encode()
+        write_atomically(path, lambda file: file.write(text))
+
+    @contextmanager
+    def lock(self) -> Iterator[None]:
+        """Hold the benchmark against other schedulers; a killed one lets go by itself.
+
+        Raises:
+            RunDirError: another one is at work here.
+        """
+        self.path.mkdir(parents=True, exist_ok=True)
+        try:
+            with FileLock(self.path / ".lock", timeout=0):
+                yield
+        except Timeout as error:
+            raise RunDirError(f"another process is running the benchmark in {self.path}") from error
+
+
+def score_path(directory: Path, name: str) -> Path:
+    """Where the score of that name is kept."""
+    return directory / "scores" / f"{name}.json"
+
+
+def read_score(directory: Path, name: str) -> Any:
+    """A score from its file, an ``EvaluationResult``, or ``None`` if there is none.
+
+    Raises:
+        RunDirError: the file is damaged.
+    """
+    from apil_core.evaluation.results import EvaluationResult
+
+    path = score_path(directory, name)
+    if not path.is_file():
+        return None
+    try:
+        return EvaluationResult.model_validate_json(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise RunDirError(f"{path} is damaged: {' '.join(str(error).split())}") from error
+
+
+def write_score(directory: Path, name: str, result: Any) -> None:
+    """Keep a score, whole or not at all."""
+    path = score_path(directory, name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = result.model_dump_json(indent=1).encode() + b"\n"
+    write_atomically(path, lambda file: file.write(text))
+
+
+def read_crossplay(bench: BenchDir, game: str) -> CrossPlay | None:
+    """The cross-play of a game, or ``None`` if there is none yet.
+
+    Raises:
+        ConfigError: its file is damaged.
+    """
+    from apil_core.evaluation.crossplay.document import CrossPlay
+
+    path = bench.crossplay_path(game)
+    return CrossPlay.read(path) if path.is_file() else None
+
+
+def read_activations(bench: BenchDir, game: str) -> ActivationMap | None:
+    """The activations of a game's victim, or ``None`` if there are none yet.
+
+    Raises:
+        ConfigError: its file is damaged.
+    """
+    from apil_core.studies.activations.models import ActivationMap
+
+    path = bench.activations_path(game)
+    return ActivationMap.read(path) if path.is_file() else None

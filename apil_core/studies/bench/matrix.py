@@ -1,0 +1,302 @@
+"""What a benchmark consists of: the file ``matrix.yaml`` as a typed model."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, field_validator, model_validator
+
+from apil_core.api.config import ActionMode, BlindMode, Section
+from apil_core.api.profiles import Profile
+from apil_core.common.numbers import number_list, whole_number
+from apil_core.config.layers import texts_in
+
+MATRIX_VERSION = 2
+"""Raised when a matrix of this version could be misread by older code."""
+
+NAMES_WITHOUT_BUDGET = 2
+"""First version in which a cell's name does not hold the matrix's first budget, so that it can be raised."""
+
+PLAIN, BLINDED = "plain", "blinded"
+"""Scores that tables 1 and 2 are made of."""
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+
+
+def check_name(name: str, where: str) -> None:
+    """Whether a score can be called so: its file is.
+
+    Raises:
+        ValueError: it cannot.
+    """
+    if not _NAME.fullmatch(name):
+        raise ValueError(f"{where}: a name is made of letters, digits and . _ -")
+
+
+def _one_or_more(value: Any) -> Any:
+    return value if isinstance(value, (list, tuple)) else (value,)
+
+
+def _steps(value: Any) -> Any:
+    return tuple(whole_number(v) if isinstance(v, str) else v for v in _one_or_more(value))
+
+
+def _seeds(value: Any) -> Any:
+    return tuple(number_list(value)) if isinstance(value, str) else _one_or_more(value)
+
+
+def _single_steps(value: Any) -> Any:
+    return whole_number(value) if isinstance(value, str) else value
+
+
+Steps = Annotated[int, Field(gt=0), BeforeValidator(_single_steps)]
+Names = Annotated[tuple[str, ...], BeforeValidator(_one_or_more)]
+
+
+class ScoreConfig(Section):
+    """Games played after training, to score the adversary."""
+
+    episodes: Annotated[int, Field(gt=0)] = 1000
+    """Games; 1000 give ± 3 points at 50 %."""
+    physics: Profile | None = None
+    """Physics profile to play in; null: the one it was trained in."""
+    blind: BlindMode | None = None
+    """Hide the opponent from the adversary: zeros, or the mean of starting states."""
+    observers: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    """Observers switched on besides the runs' own, such as defences of the victim, each with its options."""
+    adversary_actions: ActionMode | None = None
+    """Draw the adversary's actions, or take the mode; null: as its run's evaluation."""
+    victim_actions: ActionMode | None = None
+    """Draw the victim's actions, or take the mode; null: as the run's evaluation."""
+    games: Names = ()
+    """Only in these games; empty: in all."""
+
+
+class RetrainingStage(Section):
+    """Victims hardened against each method's adversary (tables 3 and 4)."""
+
+    steps: Steps = 10_000_000
+    """Environment steps of each retraining."""
+    games: Names = ()
+    """Only in these games; empty: in all."""
+    methods: Names = ()
+    """Only against the adversaries of these methods; empty: of all."""
+    adversary_share: Annotated[float, Field(ge=0, le=1)] = 0.5
+    """Share of games (or steps) against the new adversary; the rest is against the baseline one."""
+    mix: Literal["per_episode", "per_step"] = "per_episode"
+    """Draw the opponent for each game, or for each step."""
+    freeze: Literal["none", "value"] = "none"
+    """Train the whole victim, or leave its value function as it is."""
+
+
+class CrossPlayStage(Section):
+    """Every adversary of a game against its victim and every retrained one."""
+
+    episodes: Annotated[int, Field(gt=0)] = 1000
+    """Games of each pairing."""
+    physics: Profile | None = None
+    """Physics profile to play in; null: the one of the runs."""
+    games: Names = ()
+    """Only in these games; empty: in all."""
+
+
+class ActivationStage(Section):
+    """The victim's activations against each opponent: t-SNE, and density under normal play."""
+
+    episodes: Annotated[int, Field(gt=1)] = 40
+    """Games against each opponent."""
+    games: Names = ()
+    """Only in these games; empty: in all."""
+
+
+class SnapshotStage(Section):
+    """A strip of pictures of one game per adversary, a won one if there is any."""
+
+    pictures: Annotated[int, Field(ge=2, le=12)] = 6
+    """Pictures in a strip."""
+    games: Names = ()
+    """Only in these games; empty: in all."""
+
+
+class Matrix(Section):
+    """A benchmark: every combination of methods, games, seeds, victims, budgets and axes is one cell."""
+
+    version: int = MATRIX_VERSION
+    """Version of this schema."""
+    title: str = ""
+    """Headline of the report."""
+    methods: Annotated[Names, Field(min_length=1)]
+    """Attack methods; `apil methods` lists them."""
+    games: Annotated[Names, Field(min_length=1)]
+    """Games; `apil games` lists them."""
+    seeds: Annotated[tuple[int, ...], BeforeValidator(_seeds), Field(min_length=1)] = (0,)
+    """Seeds, as a list or as 0..4."""
+    steps: Annotated[tuple[int, ...], BeforeValidator(_steps), Field(min_length=1)] = (35_000_000,)
+    """Budgets, environment steps of training; 1M and 300k are fine."""
+    victims: dict[str, Annotated[Names, Field(min_length=1)]] = Field(default_factory=dict)
+    """Policies under attack by game; a game that is not named has its own default victim."""
+    presets: Names = ()
+    """Ready-made settings of runs, e.g. paper; `config` lies over them."""
+    config: dict[str, Any] = Field(default_factory=dict)
+    """Settings of all runs, as in a run's own config file; paths start at the matrix's file."""
+    axes: dict[str, Annotated[tuple[Any, ...], Field(min_length=1)]] = Field(default_factory=dict)
+    """Further axes: a setting as --set names it, and its values."""
+    scores: dict[str, ScoreConfig] = Field(default_factory=lambda: {PLAIN: ScoreConfig()})
+    """Games played after training, by name; tables are made of `plain` and `blinded`."""
+    baseline: bool = True
+    """Score each game's own opponent of the victim likewise, where it has one."""
+    retraining: RetrainingStage | None = None
+    crossplay: CrossPlayStage | None = None
+    activations: ActivationStage | None = None
+    snapshots: SnapshotStage | None = None
+
+    @field_validator("scores", mode="before")
+    @classmethod
+    def _sections(cls, value: Any) -> Any:
+        """``plain:`` with nothing below it has all defaults."""
+        if isinstance(value, Mapping):
+            return {name: {} if section is None else section for name, section in value.items()}
+        return value
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Matrix:
+        axes: dict[str, tuple[Any, ...]] = {
+            "methods": self.methods,
+            "games": self.games,
+            "seeds": self.seeds,
+            "steps": self.steps,
+            **{f"victims.{game}": names for game, names in self.victims.items()},
+            **{f"axes.{key}": values for key, values in self.axes.items()},
+        }
+        for key, values in axes.items():
+            if len({repr(value) for value in values}) < len(values):
+                raise ValueError(f"{key} names a value twice")
+        for key in self.axes:
+            if key in _OWN_AXES:
+                raise ValueError(f"axes.{key}: use {_OWN_AXES[key]!r} for it")
+        if min(self.steps) <= 0 or min(self.seeds) < 0:
+            raise ValueError("steps must be positive, seeds must not be negative")
+        if PLAIN not in self.scores:
+            raise ValueError(f"scores needs {PLAIN!r}: table 1 is made of it")
+        for name in self.scores:
+            check_name(name, f"scores.{name}")
+        self._check_games()
+        self._check_game_axes()
+        return self
+
+    def _check_game_axes(self) -> None:
+        """Who would be played against whom in which variant of the game is not for us to guess.
+
+        What observers do to the sides' eyes is part of it.
+        """
+        watched = tuple(f"options.{name}." for name in texts_in(self.config.get("observers")))
+        games = [key for key in self.axes if key.startswith(("game.", *watched)) or key == "observers"]
+        for stage in ("crossplay", "activations"):
+            if games and stage in self.stages:
+                raise ValueError(f"{stage} needs one game for all its players: leave out axes.{games[0]}")
+
+    def _check_games(self) -> None:
+        named = {
+            "victims": tuple(self.victims),
+            **{f"scores.{name}.games": score.games for name, score in self.scores.items()},
+            **{f"{stage}.games": value.games for stage, value in self.stages.items()},
+        }
+        for key, games in named.items():
+            for game in games:
+                if game not in self.games:
+                    raise ValueError(f"{key}: {game!r} is not among the matrix's games")
+        if self.retraining is not None:
+            for method in self.retraining.methods:
+                if method not in self.methods:
+                    raise ValueError(f"retraining.methods: {method!r} is not among the matrix's methods")
+
+    @property
+    def stages(self) -> dict[str, RetrainingStage | CrossPlayStage | ActivationStage | SnapshotStage]:
+        """What is done with the trained adversaries, by name."""
+        stages = {
+            "retraining": self.retraining,
+            "crossplay": self.crossplay,
+            "activations": self.activations,
+            "snapshots": self.snapshots,
+        }
+        return {name: stage for name, stage in stages.items() if stage is not None}
+
+    def scores_of(self, game: str) -> dict[str, ScoreConfig]:
+        """The scores that are played in a game."""
+        return {name: score for name, score in self.scores.items() if not score.games or game in score.games}
+
+    def has(self, stage: str, game: str) -> bool:
+        """Whether a stage is wanted for a game."""
+        found = self.stages.get(stage)
+        return found is not None and (not found.games or game in found.games)
+
+
+_OWN_AXES = {
+    "method": "methods",
+    "env": "games",
+    "seed": "seeds",
+    "steps": "steps",
+    "victim": "victims",
+}
+
+
+def matrix_names() -> list[str]:
+    """Matrices that ship with the package."""
+    from importlib import resources
+
+    folder = resources.files("apil_core.studies.bench") / "matrices"
+    return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+
+
+def matrix_text(name: str) -> tuple[str, str]:
+    """Text of a matrix, by a file's path or a shipped one's name, and what error messages call it.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    from importlib import resources
+
+    from apil_core.common.errors import ConfigError, suggest
+
+    path = Path(name)
+    if name in matrix_names() and not path.is_file():
+        return (resources.files("apil_core.studies.bench") / "matrices" / f"{name}.yaml").read_text(
+            "utf-8"
+        ), f"matrix {name}"
+    try:
+        return path.read_text("utf-8"), str(path)
+    except FileNotFoundError:
+        hint = suggest(name, matrix_names())
+        raise ConfigError(f"{name}: no such file, and no matrix that ships with apil{hint}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{name}: cannot be read: {error}") from error
+
+
+def load_matrix(name: str) -> Matrix:
+    """The matrix in a file, or the shipped one of that name.
+
+    Raises:
+        ConfigError: it cannot be read or is wrong, one line per mistake with file and line.
+    """
+    from pydantic import ValidationError
+
+    from apil_core.config.layers import from_folder, parse_yaml
+    from apil_core.config.problems import Problem, problems_of, raise_problems
+
+    text, origin = matrix_text(name)
+    data, lines = parse_yaml(text, origin)
+    if isinstance(data.get("config"), dict) and origin == str(Path(name)):
+        data["config"] = from_folder(Path(name).parent, data["config"])
+    origins = {key: f"{origin}:{line}" for key, line in lines.items()}
+    version = data.get("version")
+    if isinstance(version, int) and version > MATRIX_VERSION:
+        reason = f"is {version}, newer than this apil understands ({MATRIX_VERSION}): upgrade apil"
+        raise_problems([Problem(("version",), reason)], origins)
+    try:
+        return Matrix.model_validate(data)
+    except ValidationError as error:
+        raise_problems(problems_of(error, Matrix), origins)
+        raise

@@ -1,0 +1,153 @@
+"""The course of a benchmark: which job may start, what came of it, who is told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from dataclasses import dataclass, field
+from typing import Literal
+
+from apil_core.runs.stop_signal import on_stop_signal
+from apil_core.studies.bench.executor import Executor
+from apil_core.studies.bench.jobs import Job, Ledger
+from apil_core.studies.bench.work import Outcome
+
+State = Literal["waiting", "queued", "running", "done", "failed", "interrupted", "left out"]
+
+_PERIOD = 0.25
+"""Seconds between looks at what is going on."""
+
+
+class Watch:
+    """Who is told how a benchmark goes; this one stays silent."""
+
+    def update(self, states: dict[str, State]) -> None:
+        """A few times a second, and after every end of a job."""
+
+    def ended(self, job: Job, state: State, reason: str) -> None:
+        """A job ended; ``reason`` says why it failed."""
+
+    def stopping(self, at_once: bool) -> None:
+        """Somebody asked to stop: with checkpoints, or, the second time, at once."""
+
+
+@dataclass
+class Course:
+    """How a benchmark went.
+
+    Attributes:
+        states: by name of the job.
+        kept: jobs that were done before this session began.
+        interrupted: somebody stopped it.
+    """
+
+    states: dict[str, State] = field(default_factory=dict)
+    kept: tuple[str, ...] = ()
+    interrupted: bool = False
+
+    def having(self, state: State) -> list[str]:
+        """Jobs in that state."""
+        return [name for name, found in self.states.items() if found == state]
+
+
+def run_jobs(jobs: Sequence[Job], ledger: Ledger, executor: Executor, watch: Watch | None = None) -> Course:
+    """Run all jobs that are not done yet; a failing one does not stop the others.
+
+    Ctrl-C or SIGTERM lets running jobs write their checkpoints; a second one ends them at once.
+
+    Args:
+        jobs: in the order they should be started.
+        ledger: knows what is done.
+        executor: runs them; left open.
+        watch: told how it goes.
+    """
+    scheduler = _Scheduler(jobs, ledger, executor, watch or Watch())
+    try:
+        with on_stop_signal(scheduler.ask_to_stop):
+            while not scheduler.over:
+                scheduler.step()
+    except BaseException:
+        executor.stop()  # else closing it would wait for all that runs, to the last step
+        raise
+    return scheduler.course
+
+
+def jobs_done(jobs: Sequence[Job], ledger: Ledger) -> tuple[str, ...]:
+    """Names of jobs with nothing left to do.
+
+    What is made of cells is not done while one of them is to come or trains on: it is made of that one, too.
+    """
+    done: list[str] = []
+    for job in jobs:
+        if all(end in done for end in (*job.needs, *job.after)) and ledger.is_done(job):
+            done.append(job.name)
+    return tuple(done)
+
+
+class _Scheduler:
+    def __init__(self, jobs: Sequence[Job], ledger: Ledger, executor: Executor, watch: Watch):
+        self._jobs = {job.name: job for job in jobs}
+        self._ledger, self._executor, self._watch = ledger, executor, watch
+        kept = jobs_done(jobs, ledger)
+        self.course = Course({name: "done" if name in kept else "waiting" for name in self._jobs}, kept)
+        self._futures: dict[Future[Outcome], str] = {}
+        self._asked = self._heeded = 0
+
+    def ask_to_stop(self) -> None:
+        """Note a wish to stop; a signal's handler, so it does no more than that."""
+        self._asked += 1
+
+    @property
+    def over(self) -> bool:
+        """Nothing runs, and nothing can be started any more."""
+        return not self._futures and (self.course.interrupted or not self.course.having("waiting"))
+
+    def step(self) -> None:
+        """Start what can be started, wait a moment, and take note of what ended."""
+        if not self.course.interrupted:
+            self._start_ready()
+        wait(self._futures, timeout=_PERIOD, return_when=FIRST_COMPLETED)
+        self._heed()
+        # what it returned would lack the cancelled ones: nobody notifies those who wait for them
+        for future in [future for future in self._futures if future.done()]:
+            self._take(future)
+        for future, name in self._futures.items():
+            self.course.states[name] = "running" if future.running() else "queued"
+        self._watch.update(self.course.states)
+
+    def _heed(self) -> None:
+        while self._heeded < self._asked:
+            self._heeded += 1
+            self.course.interrupted = True
+            self._watch.stopping(at_once=self._heeded > 1)
+            self._executor.stop()
+
+    def _start_ready(self) -> None:
+        states = self.course.states
+        for name in self.course.having("waiting"):
+            job = self._jobs[name]
+            if any(states.get(need) in ("failed", "left out") for need in job.needs):
+                states[name] = "left out"
+            elif all(states.get(need) == "done" for need in job.needs) and all(
+                states.get(end) in ("done", "failed", "left out") for end in job.after
+            ):
+                # what came in the meantime may have changed what is left of it
+                if self._ledger.is_done(job):
+                    states[name] = "done"
+                    continue
+                states[name] = "queued"
+                self._futures[self._executor.submit(name)] = name
+
+    def _take(self, future: Future[Outcome]) -> None:
+        name = self._futures.pop(future)
+        try:
+            outcome = future.result()
+        except CancelledError:
+            self.course.states[name] = "waiting"
+            return
+        if outcome == "interrupted" and not self.course.interrupted:
+            # somebody stopped the worker, not us: the cell goes on when the benchmark is run again
+            self._ledger.bench.note_failure(name, "its worker was stopped from outside; run the matrix again")
+            outcome = "failed"
+        self.course.states[name] = outcome
+        self._watch.ended(self._jobs[name], outcome, self._ledger.bench.failure(name))

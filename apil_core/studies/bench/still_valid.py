@@ -1,0 +1,106 @@
+"""What of earlier follow-ups still holds: a matrix may have grown, a budget or a number of games changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from apil_core.common.errors import ConfigError
+from apil_core.studies.bench.matrix import RetrainingStage
+
+if TYPE_CHECKING:
+    from apil_core.evaluation.crossplay.document import CrossPlay, Player
+
+
+def same_player(one: str, other: str) -> bool:
+    """Whether two names mean the same player of a benchmark, wherever its directory has been moved."""
+    return _within(one) == _within(other)
+
+
+def _within(name: str) -> str:
+    for folder in ("cells", "retrained"):
+        _, found, rest = name.partition(f"/{folder}/")
+        if found and name.startswith(("run:", "retrained:")):
+            return f"{folder}/{rest}"
+    return name
+
+
+def same_players(stored: Sequence[Player], now: Mapping[str, str], hashes: Mapping[str, str]) -> bool:
+    """Whether everybody who is called so now is among the stored ones, under that label, with these weights.
+
+    Args:
+        stored: who played.
+        now: label → name.
+        hashes: SHA-256 by label, of those whose weights may have changed under the same name.
+    """
+    there = {player.label: player for player in stored}
+    return all(
+        label in there
+        and same_player(there[label].name, name)
+        and hashes.get(label) in (None, there[label].sha256)
+        for label, name in now.items()
+    )
+
+
+def still_valid(
+    document: CrossPlay,
+    adversaries: Mapping[str, str],
+    victims: Mapping[str, str],
+    hashes: Mapping[str, str],
+    setting: tuple[int, str | None] | None,
+) -> CrossPlay:
+    """A copy with the players there are now, under their present labels, and only games as they are wanted.
+
+    Args:
+        document: played earlier.
+        adversaries, victims: label → name, now.
+        hashes: SHA-256 by label, of those whose weights may have changed under the same name, or ``""``.
+        setting: games of a pairing, and their physics profile.
+    """
+    rows, columns = (
+        _kept(stored, now, hashes)
+        for stored, now in ((document.adversaries, adversaries), (document.victims, victims))
+    )
+    scores = [[document.scores[i][j] for j in columns] for i in rows]
+    return document.model_copy(
+        update={
+            "adversaries": list(rows.values()),
+            "victims": list(columns.values()),
+            "scores": [
+                [score if score and (score.episodes, score.physics) == setting else None for score in row]
+                for row in scores
+            ],
+        }
+    )
+
+
+def _kept(stored: Sequence[Player], now: Mapping[str, str], hashes: Mapping[str, str]) -> dict[int, Player]:
+    """Players that still play, by where they stood."""
+    found = {}
+    for place, player in enumerate(stored):
+        label = next((label for label, name in now.items() if same_player(name, player.name)), None)
+        if label is not None and hashes.get(label, "") in ("", player.sha256):
+            found[place] = player.model_copy(update={"label": label})
+    return found
+
+
+def check_same_retraining(directory: Path, stage: RetrainingStage | None) -> None:
+    """Whether a retraining that was begun is the one the matrix asks for; more steps are fine.
+
+    Raises:
+        ConfigError: it was begun with other settings.
+    """
+    from apil_core.config.kind import is_retraining
+    from apil_core.runs.retraining.folder import RetrainDir
+
+    if stage is None or not is_retraining(directory):
+        return
+    stored = RetrainDir(directory).config()
+    for key in ("adversary_share", "mix", "freeze"):
+        before, now = getattr(stored, key), getattr(stage, key)
+        if before != now:
+            raise ConfigError(
+                f"{directory} was begun with {key} {before!r}, the matrix says {now!r}; "
+                "give the changed matrix another --out"
+            )

@@ -1,0 +1,94 @@
+"""One job in a process of its own, which stops by itself, with a checkpoint, when its supervisor is gone."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from apil_core.studies.bench.folder import BenchDir
+from apil_core.studies.bench.work import Outcome
+
+_INTERRUPTED = 130
+"""Exit code of a process that was asked to stop and left a checkpoint."""
+
+_BETWEEN = 0.1
+"""Seconds between looks whether it has ended."""
+
+
+class SupervisedJob:
+    """A running job; use it in ``with``.
+
+    Args:
+        root: the benchmark's directory.
+        job: name of the job.
+        threads: physics threads.
+        folder: where relative paths of the matrix start; default: here.
+
+    Raises:
+        OSError: its log cannot be written, or no process can be started.
+    """
+
+    def __init__(self, root: Path, job: str, threads: int, folder: Path | None = None):
+        self._bench = BenchDir(root)
+        self._job = job
+        self._asked = False
+        path = self._bench.log_path(job)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._log = path.open("ab")
+        command = [sys.executable, "-m", "apil_core.cli", "bench", "work", str(root), job]
+        self._process = subprocess.Popen(
+            [*command, "--threads", str(threads), "--supervised"],
+            cwd=folder,
+            # its other end closes when we end, even if we are killed: see cli/bench_work.py
+            stdin=subprocess.PIPE,
+            stdout=self._log,
+            stderr=self._log,
+            # Ctrl-C goes to us alone: jobs are told once, whatever the terminal does
+            start_new_session=True,
+        )
+
+    def stop(self) -> None:
+        """Ask it to stop with a checkpoint; the second time: at once."""
+        if self._asked:
+            self._process.kill()
+        self._asked = True
+        self._let_go()
+
+    def wait(self) -> Outcome:
+        """How it ended; why it failed is noted in the benchmark's directory."""
+        # not one long wait: what Ray raises to cancel a task comes between two steps of Python's
+        while self._process.poll() is None:
+            time.sleep(_BETWEEN)
+        code = self._process.returncode
+        if code == 0:
+            return "done"
+        if code == _INTERRUPTED or self._asked:
+            return "interrupted"
+        if code < 0:
+            name = signal.Signals(-code).name
+            hint = ", perhaps for want of memory" if name == "SIGKILL" else ""
+            self._bench.note_failure(self._job, f"its process was ended by {name}{hint}")
+        elif not self._bench.failure(self._job):
+            log = self._bench.log_path(self._job)
+            self._bench.note_failure(self._job, f"exit code {code}; see {log}")
+        return "failed"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._let_go()
+        self._process.wait()
+        self._log.close()
+
+    def _let_go(self) -> None:
+        """Close the pipe, which is what it stops for; a signal might be blocked, or come too early."""
+        if self._process.stdin is not None:
+            self._process.stdin.close()

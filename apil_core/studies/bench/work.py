@@ -1,0 +1,211 @@
+"""Doing one job of a benchmark: what of it is still missing, so that it can be started again at any time."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
+
+from filelock import FileLock, Timeout
+
+from apil_core.api.config import RunConfig
+from apil_core.common.errors import ConfigError, RunDirError
+from apil_core.config.game import without_physics
+from apil_core.config.resolve import differences
+from apil_core.evaluation.progress import Progress
+from apil_core.studies.bench.cells import Benchmark, Cell, resolve_matrix
+from apil_core.studies.bench.folder import BenchDir, write_score
+from apil_core.studies.bench.jobs import (
+    ACTIVATIONS,
+    BASELINE,
+    CELL,
+    CROSSPLAY,
+    RETRAINING,
+    SNAPSHOTS,
+    Job,
+    Ledger,
+    make_jobs,
+)
+from apil_core.studies.bench.matrix import ScoreConfig
+from apil_core.training.storage.run_dir import RunDir
+
+Outcome = Literal["done", "interrupted", "failed"]
+
+_PATIENCE = 600.0
+"""Seconds: an iteration takes no longer, except on machines where all hope is lost."""
+
+_FREE = ("threads", "device", "trust", "victim_sha256", "recorders", "log_rows", "checkpoint", "evaluation")
+"""Settings in which a cell's stored run may differ from the matrix: they do not change what is learnt."""
+
+
+def perform(root: Path, name: str, *, threads: int = 1, progress: Progress | None = None) -> Outcome:
+    """Do what is left of a job.
+
+    Args:
+        root: the benchmark's directory.
+        name: the job's.
+        threads: of the physics; never changes results.
+        progress: told how trainings and scores go.
+
+    Raises:
+        ApilError: it cannot be done; the benchmark's directory remembers why.
+    """
+    bench = BenchDir(root)
+    try:
+        benchmark = resolve_matrix(bench.matrix(), str(bench.matrix_path))
+        job = next((job for job in make_jobs(benchmark) if job.name == name), None)
+        if job is None:
+            raise ConfigError(f"{root} has no job {name!r}")
+        with _alone(bench, name):
+            bench.note_failure(name, "")
+            done = _Worker(bench, benchmark, threads, progress or Progress()).do(job)
+    except Exception as error:
+        bench.note_failure(name, " ".join(str(error).split()) or type(error).__name__)
+        raise
+    return "done" if done else "interrupted"
+
+
+@contextmanager
+def _alone(bench: BenchDir, name: str) -> Iterator[None]:
+    """Hold a job. A process whose supervisor has died may be at it still, writing its last checkpoint.
+
+    Raises:
+        RunDirError: it goes on and on.
+    """
+    bench.logs.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(bench.logs / f".{name.replace('/', '_')}.lock")
+    try:
+        lock.acquire(timeout=_PATIENCE)
+    except Timeout as error:
+        raise RunDirError(f"another process has been at {name} for {_PATIENCE:.0f} s more") from error
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+class _Worker:
+    """One process's view of the benchmark while it does a job."""
+
+    def __init__(self, bench: BenchDir, benchmark: Benchmark, threads: int, progress: Progress):
+        self.bench = bench
+        self.benchmark = benchmark
+        self.ledger = Ledger(bench, benchmark)
+        self.threads = threads
+        self.progress = progress
+
+    def do(self, job: Job) -> bool:
+        """Whether it got to the end; false after Ctrl-C or SIGTERM."""
+        from apil_core.studies.bench import stages
+
+        match job.kind:
+            case k if k == CELL:
+                return self._cell(self.ledger.cells[job.subject])
+            case k if k == BASELINE:
+                self._baseline(*job.subject.split(" ", 1))
+            case k if k == RETRAINING:
+                cell = self.ledger.cells[job.subject]
+                return stages.harden(self.ledger, cell, self.threads, self.progress)
+            case k if k == CROSSPLAY:
+                stages.play_all(self.ledger, job.subject, self.threads, self.progress)
+            case k if k == ACTIVATIONS:
+                stages.map_activations(self.ledger, job.subject, self.threads, self.progress)
+            case k if k == SNAPSHOTS:
+                stages.take_snapshots(self.ledger, self.ledger.cells[job.subject], self.progress)
+        return True
+
+    def _cell(self, cell: Cell) -> bool:
+        run = self.bench.cell(cell.name)
+        if not self.ledger.trained(cell) and not self._train(cell, run):
+            return False
+        missing = self.ledger.missing_scores(cell)
+        self._score(f"run:{run.path}", missing, run.path, cell.seed)
+        return True
+
+    def _train(self, cell: Cell, run: RunDir) -> bool:
+        from apil_core.runs import runner
+
+        command = self.ledger.command
+        if run.checkpoints():
+            check_same(run.config(), cell)
+            self.bench.set_aside(cell.name)
+            result = runner.resume(
+                run.path, threads=self.threads, steps=cell.steps, progress=self.progress, command=command
+            )
+        elif any(run.checkpoint_dir.glob("*.pt*")):
+            raise RunDirError(
+                f"{run.path} has no checkpoint to go on from, but others; move it away to begin anew"
+            )
+        else:
+            # killed before its first checkpoint: its iterations will be the same again, to the bit
+            shutil.rmtree(run.path, ignore_errors=True)
+            config = cell.config.model_copy(update={"threads": self.threads})
+            result = runner.run(
+                config, out=run.path, progress=self.progress, command=command, plugins=self.benchmark.plugins
+            )
+        return result.status == "finished"
+
+    def _baseline(self, game: str, victim: str) -> None:
+        config = next(c.config for c in self.benchmark.cells_of(game) if c.victim == victim)
+        folder = self.bench.baseline_dir(game, victim)
+        missing = self.ledger.missing_baselines(game, victim)
+        self._score(self.benchmark.baselines[game], missing, folder, config.seed, config)
+
+    def _score(
+        self,
+        adversary: str,
+        scores: Mapping[str, ScoreConfig],
+        folder: Path,
+        seed: int,
+        config: RunConfig | None = None,
+    ) -> None:
+        """Play and keep scores; ``config`` says what a named policy plays."""
+        from apil_core.evaluation.evaluator import evaluate
+        from apil_core.evaluation.pairing import PairingOptions, as_in_run
+
+        for name, wanted in scores.items():
+            options: PairingOptions = {} if config is None else as_in_run(config, self.benchmark.plugins)
+            options |= {"physics": wanted.physics, "observers": wanted.observers, "threads": self.threads}
+            if wanted.adversary_actions is not None:
+                options["adversary_actions"] = wanted.adversary_actions
+            if wanted.victim_actions is not None:
+                options["victim_actions"] = wanted.victim_actions
+            # a profile hides what the run's options say of physics
+            if config is not None and wanted.physics is not None:
+                options["game_options"] = without_physics(config, self.benchmark.plugins)
+            result = evaluate(
+                adversary,
+                episodes=wanted.episodes,
+                seed=seed,
+                blind=wanted.blind,
+                progress=self.progress,
+                **options,
+            )
+            write_score(folder, name, result)
+
+
+def check_same(stored: RunConfig, cell: Cell) -> None:
+    """Whether a run on disk is the cell the matrix asks for.
+
+    Raises:
+        ConfigError: it was trained with other settings.
+    """
+    changed = {
+        key: values
+        for key, values in differences(stored, cell.config).items()
+        if key.split(".")[0] not in _FREE and not (key == "steps" and values[0] <= values[1])
+    }
+    if set(changed) == {"steps"}:
+        raise ConfigError(
+            f"cell {cell.name} has been raised to {stored.steps} steps, the matrix says {cell.steps}; "
+            f"go on with --steps {stored.steps}"
+        )
+    if changed:
+        key, (before, now) = next(iter(changed.items()))
+        more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
+        raise ConfigError(
+            f"cell {cell.name} was begun with {key} {before!r}, the matrix says {now!r}{more}; "
+            "give the changed matrix another --out"
+        )

@@ -1,0 +1,80 @@
+"""What is written into a picture of learning curves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from apil_core.api.profiles import FAITHFUL
+from apil_core.studies.curves.groups import CurveGroup
+from apil_core.training.episode_stats import WINDOW
+
+
+@dataclass(frozen=True)
+class Wording:
+    """What a picture says of its groups.
+
+    Attributes:
+        title: what they have in common.
+        explanation: how to read the picture, in lines.
+        player: whose shares of games are drawn.
+    """
+
+    title: str
+    explanation: str
+    player: str = "the adversary"
+
+    @classmethod
+    def of_runs(cls, groups: Sequence[CurveGroup]) -> Wording:
+        """Where each group is one attack."""
+        return cls(title(groups), explanation(groups))
+
+
+def legend(group: CurveGroup) -> str:
+    """What tells a group from the others."""
+    count = len(group.curves)
+    return group.label if count == 1 else f"{group.label}, {count} seeds"
+
+
+def title(groups: Sequence[CurveGroup]) -> str:
+    """What all groups have in common; what they differ in is in the legend."""
+    curves = [curve for group in groups for curve in group.curves]
+    methods, games, victims = (
+        list(dict.fromkeys(getattr(curve, key) for curve in curves)) for key in ("method", "env", "victim")
+    )
+    text = methods[0] if len(methods) == 1 else "Attacks"
+    if len(victims) == 1:
+        text += f" against {victims[0]}"
+    if len(games) == 1:
+        text += f" in {games[0]}"
+    physics = {curve.physics for curve in curves}
+    if len(physics) == 1 and not physics & {None, FAITHFUL}:
+        text += f", {physics.pop()} physics"
+    return text
+
+
+def explanation(groups: Sequence[CurveGroup]) -> str:
+    """How to read the picture, and what the numbers in it depend on."""
+    curves = [curve for group in groups for curve in group.curves]
+    budgets = sorted({curve.steps for curve in curves})
+    seeds = sorted({curve.seed for curve in curves})
+    facts = f"{_span(budgets)} steps, {'seed' if len(seeds) == 1 else 'seeds'} {', '.join(map(str, seeds))}."
+    lines = [f"{facts} Lines: the last {WINDOW} training games (fewer at first)."]
+    lines.append(f"Bands: {', '.join(_bands(groups))}.")
+    games = sorted({point.episodes for curve in curves for point in curve.scores})
+    if games:
+        lines.append(f"Points: evaluations of {_span(games)} games each, with 95 % intervals.")
+    return "\n".join(lines)
+
+
+def _span(numbers: Sequence[int]) -> str:
+    """The one number there is, or the least and the largest; sorted."""
+    ends = dict.fromkeys((numbers[0], numbers[-1]))
+    return " to ".join(f"{number:,}" for number in ends)
+
+
+def _bands(groups: Sequence[CurveGroup]) -> Iterator[str]:
+    if any(len(group.curves) == 1 for group in groups):
+        yield "95 % intervals of the shares"
+    if any(len(group.curves) > 1 for group in groups):
+        yield "mean (thick line) ± standard deviation over seeds (thin lines)"

@@ -1,0 +1,208 @@
+"""Learning curves as a picture: one panel for each question, one colour for each group of runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib import style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import EngFormatter, MaxNLocator
+
+from apil_core.api.game import Colour
+from apil_core.common import colours
+from apil_core.common.charts import GREY, STYLE
+from apil_core.common.errors import ConfigError
+from apil_core.common.files import write_atomically
+from apil_core.evaluation.results import Rate
+from apil_core.studies.curves.captions import Wording, legend
+from apil_core.studies.curves.curves import IMITATOR, RETURN, WIN, WIN_OR_TIE, Curve, Line
+from apil_core.studies.curves.groups import CurveGroup
+
+FORMATS = (".png", ".svg", ".pdf")
+"""What pictures of curves can be written as."""
+
+_TITLES = {
+    WIN: "games won by {player}, %",
+    WIN_OR_TIE: "games won or tied, %",
+    RETURN: "the adversary's return per game",
+    IMITATOR: "the imitator's squared error ÷ the best constant's",
+}
+_SHARES = (WIN, WIN_OR_TIE)
+_MARKERS = "osD^vP*"
+_PANEL = (5.2, 3.0)  # inches
+_LETTERS = 130  # of the legend's font that fit side by side
+
+
+@dataclass(frozen=True)
+class _Pen:
+    """How a group is drawn."""
+
+    colour: tuple[float, ...]
+    dashes: str
+    marker: str
+
+
+def check_picture(path: Path) -> None:
+    """Whether a picture of curves can be written under that name.
+
+    Raises:
+        ConfigError: it cannot.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise ConfigError(f"{path}: curves are drawn as {', '.join(FORMATS[:-1])} or {FORMATS[-1]} files")
+
+
+def draw_curves(groups: Sequence[CurveGroup], path: Path, wording: Wording | None = None) -> None:
+    """Draw groups of runs into one picture, atomically; a file of that name is replaced.
+
+    Args:
+        groups: at least one.
+        path: of the picture; see :data:`FORMATS`.
+        wording: default: each group is an attack.
+
+    Raises:
+        ApilError: the file cannot be written, or not in that format.
+    """
+    check_picture(path)
+    with style.context(["default", STYLE]):
+        figure = _figure(groups, wording or Wording.of_runs(groups))
+        kind = path.suffix[1:].lower()
+        write_atomically(path, lambda file: figure.savefig(file, format=kind, dpi=150))
+
+
+def _figure(groups: Sequence[CurveGroup], wording: Wording) -> Figure:
+    names = list(dict.fromkeys(name for group in groups for name in group.lines))
+    rows = math.ceil(len(names) / 2)
+    layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08)
+    figure = Figure(figsize=(2 * _PANEL[0], rows * _PANEL[1] + 0.9), layout=layout)
+    axes = list(figure.subplots(rows, 2, squeeze=False, sharex=True).flatten())
+    pens = _pens(len(groups))
+    for axis, name in zip(axes, names, strict=False):
+        _panel(axis, name, groups, pens)
+        axis.set_title(_TITLES.get(name, name).replace("{player}", wording.player))
+    for axis in axes[len(names) :]:
+        axis.set_axis_off()
+    axes[0].set_xlim(left=_first_step(groups))
+    _same_scale(axes[: len(_SHARES)])
+    _head(figure, axes[0], groups, wording.title)
+    figure.supxlabel(wording.explanation, x=0.01, ha="left", fontsize=8, color=GREY)
+    return figure
+
+
+def _first_step(groups: Sequence[CurveGroup]) -> float:
+    """Where the axis begins: at nought, with some room before it if there are scores."""
+    curves = [curve for group in groups for curve in group.curves]
+    if any(point.steps == 0 for curve in curves for point in curve.scores):
+        return -0.03 * max(curve.steps for curve in curves)
+    return 0.0
+
+
+def _head(figure: Figure, axis: Axes, groups: Sequence[CurveGroup], title: str) -> None:
+    """The title, with a legend below it if there are several groups."""
+    font = {"size": 12, "weight": "bold"}
+    if len(groups) == 1:
+        figure.suptitle(title, x=0.01, ha="left", **font)
+        return
+    handles, labels = axis.get_legend_handles_labels()
+    fitting = _LETTERS // (max(map(len, labels)) + 8)
+    figure.legend(
+        handles,
+        labels,
+        loc="outside upper left",
+        ncols=max(1, min(fitting, len(labels), 4)),
+        title=title,
+        title_fontproperties=font,
+        alignment="left",
+    )
+
+
+def _pens(number: int) -> list[_Pen]:
+    palette: Sequence[Colour] = colours.LINES if number > 1 else (colours.ADVERSARY,)
+    return [
+        _Pen(
+            tuple(channel / 255 for channel in palette[i % len(palette)]),
+            ("-", "--", ":", "-.")[i // len(palette) % 4],
+            _MARKERS[i % len(_MARKERS)],
+        )
+        for i in range(number)
+    ]
+
+
+def _panel(axis: Axes, name: str, groups: Sequence[CurveGroup], pens: Sequence[_Pen]) -> None:
+    factor = 100.0 if name in _SHARES else 1.0
+    for group, pen in zip(groups, pens, strict=True):
+        if name in group.lines:
+            _line(axis, group.lines[name], factor, pen, legend(group))
+        if len(group.curves) > 1:
+            for curve in group.curves:
+                _faint(axis, curve, name, factor, pen)
+    if name in _SHARES:
+        _scores(axis, name, groups, pens)
+    if name == IMITATOR:
+        axis.axhline(1.0, color=GREY, linewidth=1.2, linestyle=":", zorder=1)
+    axis.set_xlabel("environment steps")
+    axis.xaxis.set_major_formatter(EngFormatter(sep=""))
+    axis.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
+    axis.tick_params(labelbottom=True)
+    axis.set_axisbelow(True)
+    axis.margins(x=0.03)
+
+
+def _line(axis: Axes, line: Line, factor: float, pen: _Pen, label: str) -> None:
+    value, low, high = ([factor * v for v in values] for values in (line.value, line.low, line.high))
+    single = pen.marker if len(value) == 1 else None
+    axis.plot(
+        line.steps,
+        value,
+        color=pen.colour,
+        linestyle=pen.dashes,
+        marker=single,
+        linewidth=1.8,
+        label=label,
+        zorder=3,
+    )
+    if low:
+        axis.fill_between(line.steps, low, high, color=pen.colour, alpha=0.15, linewidth=0, zorder=2)
+
+
+def _faint(axis: Axes, curve: Curve, name: str, factor: float, pen: _Pen) -> None:
+    line = curve.lines.get(name)
+    if line is not None:
+        value = [factor * v for v in line.value]
+        axis.plot(line.steps, value, color=pen.colour, linewidth=0.7, alpha=0.45, zorder=2)
+
+
+def _scores(axis: Axes, name: str, groups: Sequence[CurveGroup], pens: Sequence[_Pen]) -> None:
+    """Evaluations with their intervals, moved apart a little where many share a number of steps."""
+    span = max(curve.steps for group in groups for curve in group.curves)
+    runs = [(curve, pen) for group, pen in zip(groups, pens, strict=True) for curve in group.curves]
+    for i, (curve, pen) in enumerate(runs):
+        shift = min(0.012, 0.06 / len(runs)) * span * (i - (len(runs) - 1) / 2)
+        for point in curve.scores:
+            rate: Rate = getattr(point, name)
+            # rounding may put the end of an interval 1e-16 on the wrong side of a share of 0 or 1
+            reach = (max(rate.value - rate.low, 0.0), max(rate.high - rate.value, 0.0))
+            axis.errorbar(
+                point.steps + shift,
+                100 * rate.value,
+                yerr=[[100 * length] for length in reach],
+                fmt=pen.marker,
+                color=pen.colour,
+                markersize=5.5,
+                markeredgecolor="white",
+                elinewidth=1.2,
+                capsize=2.5,
+                zorder=4,
+            )
+
+
+def _same_scale(axes: Sequence[Axes]) -> None:
+    """Shares are comparable across panels and start at nought."""
+    top = min(max(axis.get_ylim()[1] for axis in axes), 103.0)
+    for axis in axes:
+        axis.set_ylim(0, max(top, 5.0))

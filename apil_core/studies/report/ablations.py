@@ -1,0 +1,81 @@
+"""What one setting does: cells that differ in it alone, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from apil_core.studies.report.cells import cell, seed_scores
+from apil_core.studies.report.courses import RATIO
+from apil_core.studies.report.grouping import Groups, Scored
+from apil_core.studies.report.labels import cell_marks
+from apil_core.studies.report.models import Ablation, AblationRow, Cell, Diagnostics, Setting
+from apil_core.studies.report.settings import Key, default_config, value_at
+from apil_core.studies.report.statistics import compared, verdict
+
+_TITLES = {"options.apil.prediction": "What ã is: the imitator's prediction, the true action, noise, nothing"}
+
+
+def ablations(
+    groups: Groups, named: Mapping[Key, Setting], diagnostics: Sequence[Diagnostics]
+) -> list[Ablation]:
+    """For every axis with two values or more in one game, method and setting; seeing adversaries only."""
+    axes = dict.fromkeys(axis for ms in groups.cells.values() for m in ms for axis in m.run.axes)
+    errors = {each.run: each.facts[RATIO] for each in diagnostics if RATIO in each.facts}
+    found = []
+    for axis in axes:
+        cells: dict[tuple[str, str, Key], dict[str, tuple[Key, list[Scored]]]] = {}
+        for place, members in groups.cells.items():
+            value = value_at(members[0].run.config, axis)
+            if place.blind is None and value is not None:
+                rest = replace(place.key, axes=tuple(pair for pair in place.key.axes if pair[0] != axis))
+                cells.setdefault((place.game, place.method, rest), {})[str(value)] = (place.key, members)
+        found += [
+            _ablation(axis, game, method, by_value, named, errors)
+            for (game, method, _), by_value in cells.items()
+            if len(by_value) > 1
+        ]
+    return found
+
+
+def _ablation(
+    axis: str,
+    game: str,
+    method: str,
+    by_value: Mapping[str, tuple[Key, list[Scored]]],
+    named: Mapping[Key, Setting],
+    errors: Mapping[str, float],
+) -> Ablation:
+    default = default_config(next(iter(by_value.values()))[1][0].run.config)
+    usual = None if default is None else str(value_at(default, axis))
+    rows: list[AblationRow] = []
+    for value in sorted(by_value, key=lambda value: value != usual):
+        key, members = by_value[value]
+        games = min(member.score.episodes for member in members)
+        own = cell(game, method, seed_scores(members), None, cell_marks(named[key], len(members), games))
+        ratios = [errors[member.run.path] for member in members if member.run.path in errors]
+        rows.append(_row(value, own, rows[0].cell if rows else None, ratios))
+    return Ablation(
+        axis=axis,
+        title=_TITLES.get(axis, axis),
+        game=game,
+        method=method,
+        setting=named[by_value[rows[0].value][0]].id,
+        rows=rows,
+    )
+
+
+def _row(value: str, own: Cell, first: Cell | None, ratios: Sequence[float]) -> AblationRow:
+    row = AblationRow(value=value, cell=own, imitator_error=sum(ratios) / len(ratios) if ratios else None)
+    if first is None:
+        return row
+    pairs = [(own.win.measured, first.win.measured), (own.win_or_tie.measured, first.win_or_tie.measured)]
+    win, either = (compared(a, b) for a, b in pairs if a is not None and b is not None)
+    return row.model_copy(
+        update={
+            "win_difference": win,
+            "win_or_tie_difference": either,
+            "win_verdict": verdict(win),
+            "win_or_tie_verdict": verdict(either),
+        }
+    )

@@ -1,0 +1,284 @@
+"""What a reader must know before believing a number, computed from the numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from apil_core.evaluation.results import Rate
+from apil_core.studies.curves.curves import WIN_OR_TIE
+from apil_core.studies.report.attack_tables import BASELINE
+from apil_core.studies.report.courses import RATIO, UNEVEN
+from apil_core.studies.report.grouping import Groups
+from apil_core.studies.report.models import (
+    Cell,
+    CurvePanel,
+    Diagnostics,
+    Endings,
+    MethodDifference,
+    Setting,
+    Table,
+    Unfinished,
+    Warning,
+)
+from apil_core.studies.report.published import published
+from apil_core.studies.report.settings import Key, changed_options, game_of
+from apil_core.studies.report.statistics import ENOUGH_SEEDS, compared
+from apil_core.studies.report.words import amount, percent, several
+
+TIES = 0.9
+"""Share of win+tie from which it is said how many of them are ties."""
+
+_FEW = 20
+"""Games below which a share of them is not worth a warning."""
+
+_LISTED = 5
+"""Unfinished cells that are named; all of them are listed elsewhere."""
+
+_RARE = 0.01
+"""Δr says nothing new where rewards are not opposite in fewer steps per game than this."""
+
+
+def setting_warnings(settings: Sequence[Setting], tables: Sequence[Table]) -> Iterator[Warning]:
+    """What concerns every number of a setting; once if it concerns them all."""
+    scored = {table.setting for table in tables}
+    settings = [setting for setting in settings if setting.id in scored] or settings
+    texts: dict[tuple[str, str], list[Setting]] = {}
+    for setting in settings:
+        for note in [*setting.notes, *_seed_notes(setting, tables)]:
+            texts.setdefault((_kind(note), note), []).append(setting)
+    for (kind, text), concerned in texts.items():
+        if len(concerned) == len(settings):
+            yield Warning(kind=kind, loud=True, text=text)
+        else:
+            for setting in concerned:
+                yield Warning(kind=kind, loud=True, text=f"{setting.label}: {text}", setting=setting.id)
+
+
+_KINDS = (
+    ("of the published budget", "budget"),
+    ("Actions are", "action modes"),
+    ("physics", "physics"),
+    ("seeds", "seeds"),
+    ("Scores of", "episodes"),
+    ("defaults", "settings"),
+    ("victim", "victim"),
+)
+
+
+def _kind(note: str) -> str:
+    return next((kind for words, kind in _KINDS if words in note), "settings")
+
+
+def _seed_notes(setting: Setting, tables: Sequence[Table]) -> Iterator[str]:
+    cells = [each for table in tables if table.setting == setting.id for each in _measured(table)]
+    seeds = [each.seeds for each in cells if each.column != BASELINE]
+    if seeds and min(seeds) < ENOUGH_SEEDS:
+        cells_text = "every cell" if max(seeds) < ENOUGH_SEEDS else "some cells"
+        yield (
+            f"Fewer than {ENOUGH_SEEDS} seeds in {cells_text} (least: {min(seeds)}): intervals cover the "
+            "games of these agents, and how much other seeds would differ cannot be told."
+        )
+    games = [score.episodes for each in cells for score in each.scores]
+    if games and min(games) < published().episodes:
+        yield f"Scores of fewer than {published().episodes} games (least: {min(games)})."
+
+
+def _measured(table: Table) -> list[Cell]:
+    return [each for row in table.rows for each in row if each.scores]
+
+
+def tie_warnings(endings: Sequence[Endings], tables: Sequence[Table]) -> Iterator[Warning]:
+    """Scores of table 1 that are mostly ties, and what a tie is where the endings tell."""
+    seeing = {table.id for table in tables if table.number == 1}
+    for each in endings:
+        either = each.wins + each.ties
+        if each.table in seeing and either >= _FEW and each.ties >= TIES * either:
+            meaning = tie_meaning(each, [other for other in endings if other.game == each.game])
+            yield Warning(
+                kind="ties",
+                loud=False,
+                text=f"{each.column} in {each.game}: {100 * each.ties / either:.0f} % of win+tie are ties "
+                f"({each.wins} wins and {each.ties} ties of {each.episodes} games){meaning}.",
+                setting=each.setting,
+                game=each.game,
+                column=each.column,
+            )
+
+
+def tie_meaning(own: Endings, game: Sequence[Endings]) -> str:
+    """``"; a tie here means: keeper left goal"``, or the least share of ties that an ending must make up.
+
+    Counts tell endings and outcomes apart from each other only. An ending whose count is that of the ties in
+    every score of the game is what a tie is. Else at least as many ties ended in one way as its count
+    exceeds wins and losses together.
+    """
+    tied = [each for each in game if each.ties]
+    same = [cause for cause in own.causes if all(each.causes.get(cause, 0) == each.ties for each in tied)]
+    if len(same) == 1:
+        return f"; a tie here means: {same[0].replace('-', ' ')}"
+    cause, count = next(iter(own.causes.items()), ("", 0))
+    least = count - own.wins - own.losses
+    if least >= 0.5 * own.ties:
+        return f"; at least {100 * least / own.ties:.0f} % of the ties are: {cause.replace('-', ' ')}"
+    return ""
+
+
+def attack_warnings(
+    tables: Sequence[Table],
+    differences: Sequence[MethodDifference],
+    panels: Sequence[CurvePanel],
+    settings: Sequence[Setting],
+) -> Iterator[Warning]:
+    """Adversaries that do no better than the baseline one, or than they did before they learnt."""
+    shares = {
+        (table.id, each.game, each.column): each.win_or_tie.measured
+        for table in tables
+        if table.number == 1
+        for each in _measured(table)
+    }
+    for each in differences:
+        key = (each.table, each.game, each.column)
+        if key in shares and each.base == BASELINE and each.win_or_tie_verdict != "higher":
+            low, high = percent(each.win_or_tie.low), percent(each.win_or_tie.high)
+            how = "is within noise of" if each.win_or_tie.within_noise else "is below"
+            yield Warning(
+                kind="no attack",
+                loud=False,
+                text=f"{each.column} in {each.game} {how} the baseline adversary on win+tie "
+                f"({100 * each.win_or_tie.value:+.1f} points [{low}, {high}]).",
+                setting=each.setting,
+                game=each.game,
+                column=each.column,
+            )
+    comparable = {setting.id for setting in settings if setting.trained_physics == setting.physics}
+    for (name, game, column), own in shares.items():
+        setting = next(table.setting for table in tables if table.id == name)
+        start = _start(panels, setting, game, column)
+        if own is None or start is None or setting not in comparable:
+            continue  # curves are of training games: scores in other physics are no continuation of them
+        steps, rate = start
+        if compared(own, rate).low <= 0.0:
+            yield Warning(
+                kind="no attack",
+                loud=False,
+                text=f"{column} in {game} is not distinguishable on win+tie from its own beginning: "
+                f"{percent(own.value)} % against {percent(rate.value)} % until {amount(steps)} steps.",
+                setting=setting,
+                game=game,
+                column=column,
+            )
+
+
+def _start(panels: Sequence[CurvePanel], setting: str, game: str, method: str) -> tuple[int, Rate] | None:
+    """Steps and win+tie at the first point of the curve: a policy that has hardly learnt."""
+    for panel in panels:
+        for line in panel.lines if (panel.setting, panel.game) == (setting, game) else ():
+            first = line.lines.get(WIN_OR_TIE)
+            if line.method == method and first is not None and first.low:
+                return first.steps[0], Rate(value=first.value[0], low=first.low[0], high=first.high[0])
+    return None
+
+
+def training_warnings(diagnostics: Sequence[Diagnostics]) -> Iterator[Warning]:
+    """Imitators that learnt nothing, and games in which Δr is no other objective than r^α."""
+    cells: dict[tuple[str, str, str], list[Diagnostics]] = {}
+    for each in diagnostics:
+        cells.setdefault((each.setting, each.game, each.method), []).append(each)
+    for (setting, game, method), runs in cells.items():
+        blind = [run.facts[RATIO] for run in runs if run.facts.get(RATIO, 0.0) >= 1.0]
+        if blind:
+            text = (
+                f"{method} in {game}: in {len(blind)} of {several(len(runs), 'run')} the imitator predicts "
+                f"the victim no better than the best constant action: {_times(blind)} times its error."
+            )
+            yield Warning(kind="imitator", loud=False, text=text, setting=setting, game=game, column=method)
+        rare = [run.facts[UNEVEN] for run in runs if run.facts.get(UNEVEN, 1.0) < _RARE]
+        if rare and method != "adrl":
+            text = (
+                f"{method} in {game}: the sides' rewards failed to be opposite in {max(rare):.3f} steps per "
+                "game at most, so Δr = r^α − r^ν says hardly more than r^α."
+            )
+            yield Warning(kind="delta r", loud=False, text=text, setting=setting, game=game, column=method)
+
+
+def _times(values: Sequence[float]) -> str:
+    low, high = f"{min(values):.2f}", f"{max(values):.2f}"
+    return low if low == high else f"{low} to {high}"
+
+
+def source_warnings(
+    groups: Groups, named: Mapping[Key, Setting], unfinished: Sequence[Unfinished], tables: Sequence[Table]
+) -> Iterator[Warning]:
+    """Cells that are missing, old or there twice; baselines that stand in for others."""
+    if unfinished:
+        listed = ", ".join(f"{each.label} ({each.status})" for each in unfinished[:_LISTED])
+        more = f" and {len(unfinished) - _LISTED} more" if len(unfinished) > _LISTED else ""
+        yield Warning(
+            kind="unfinished",
+            loud=True,
+            text=f"{several(len(unfinished), 'cell')} not finished: {listed}{more}.",
+        )
+    for place, members in groups.cells.items():
+        for member in members:
+            trained = member.score.trained_steps
+            if trained is not None and trained < member.run.steps:
+                yield Warning(
+                    kind="stale",
+                    loud=False,
+                    text=f"{member.run.path}: score {member.name} is of {trained:,} steps, but the run has "
+                    f"gone on to {member.run.steps:,}.",
+                    setting=named[place.key].id,
+                    game=place.game,
+                    column=place.method,
+                )
+    for copy in groups.copies:
+        yield Warning(
+            kind="copies",
+            loud=False,
+            text=f"{copy.run.path}: score {copy.name} is left out, the same attack with the same seed is "
+            "there already.",
+            game=copy.run.config.env,
+            column=copy.run.config.method,
+        )
+    yield from _changed_options(groups, named)
+    yield from _stand_ins(tables)
+
+
+def _changed_options(groups: Groups, named: Mapping[Key, Setting]) -> Iterator[Warning]:
+    """Methods that are not quite the published ones; a benchmark's axes and variants say so themselves."""
+    found: dict[tuple[str, str, str], dict[str, str]] = {}
+    for place, members in groups.cells.items():
+        if not place.key.variant:
+            known = {name for name, _ in place.key.axes}
+            texts = changed_options(members[0].run.config, known)
+            found.setdefault((named[place.key].id, place.method, ", ".join(texts)), {})[place.game] = ""
+    for (setting, method, text), games in found.items():
+        if text:
+            yield Warning(
+                kind="settings",
+                loud=True,
+                text=f"{method} in {', '.join(games)} has not its default options: {text}.",
+                setting=setting,
+                column=method,
+            )
+
+
+def _stand_ins(tables: Sequence[Table]) -> Iterator[Warning]:
+    """Baseline adversaries other than the game's own."""
+    found = {
+        (each.game, each.scores[0].source)
+        for table in tables
+        if table.number == 1
+        for each in _measured(table)
+        if each.column == BASELINE
+    }
+    for game, name in sorted(found):
+        own = spec.baseline_adversary if (spec := game_of(game)) else None
+        if own not in (None, name):
+            yield Warning(
+                kind="baseline",
+                loud=False,
+                text=f"{game}: the baseline adversary is {name}; {own} is not on the machine that scored it.",
+                game=game,
+                column=BASELINE,
+            )

@@ -1,0 +1,72 @@
+"""One cell of a table: scores of several seeds beside the published value."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from apil_core.evaluation.results import EvaluationResult
+from apil_core.studies.report.grouping import Scored
+from apil_core.studies.report.models import Cell, Figure, SeedScore, Side
+from apil_core.studies.report.published import published
+from apil_core.studies.report.statistics import compared, published_rate, share, verdict
+
+
+def seed_scores(members: Sequence[Scored]) -> list[SeedScore]:
+    """Scores of trained adversaries, theirs."""
+    return [seed_score(each.score, each.run.path, each.run.config.seed) for each in members]
+
+
+def seed_score(
+    score: EvaluationResult, source: str, seed: int | None = None, side: Side = "adversary"
+) -> SeedScore:
+    """One score, seen from that side."""
+    wins, losses = (score.wins, score.losses) if side == "adversary" else (score.losses, score.wins)
+    return SeedScore(
+        seed=seed,
+        source=source,
+        steps=score.trained_steps,
+        episodes=score.episodes,
+        wins=wins,
+        ties=score.ties,
+        losses=losses,
+        causes=dict(sorted(score.causes.items(), key=lambda item: -item[1])),
+        mean_length=score.mean_length,
+    )
+
+
+def cell(
+    game: str,
+    column: str,
+    scores: Sequence[SeedScore],
+    value: tuple[float, float] | None,
+    marks: Sequence[str] = (),
+) -> Cell:
+    """A cell with both figures.
+
+    Args:
+        game, column: where it stands.
+        scores: one per seed, or none.
+        value: published win and win+tie, as fractions.
+        marks: what to be loud about.
+    """
+    wins = [score.wins for score in scores]
+    either = [score.wins + score.ties for score in scores]
+    games = [score.episodes for score in scores]
+    return Cell(
+        game=game,
+        column=column,
+        win=_figure(wins, games, None if value is None else value[0]),
+        win_or_tie=_figure(either, games, None if value is None else value[1]),
+        scores=list(scores),
+        marks=list(marks),
+    )
+
+
+def _figure(counts: Sequence[int], games: Sequence[int], value: float | None) -> Figure:
+    if not counts:
+        return Figure(published=value)
+    measured = share(counts, games)
+    if value is None:
+        return Figure(measured=measured, verdict="no published value")
+    difference = compared(measured, published_rate(value, published().episodes))
+    return Figure(measured=measured, published=value, difference=difference, verdict=verdict(difference))

@@ -1,0 +1,275 @@
+"""The paper's claims, checked on these games: each holds, does not hold, or cannot be told.
+
+Rules: a claim holds only on differences beyond noise; an ordering of methods needs several seeds; below the
+published budget a claim that fails only fails to be told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+from apil_core.common.statistics import Difference
+from apil_core.studies.report.attack_tables import BASELINE
+from apil_core.studies.report.hardened import STRONGEST
+from apil_core.studies.report.models import Cell, Check, Claim, Setting, Share, Table, Truth
+from apil_core.studies.report.paper_claims import (
+    MARGIN,
+    ORDER,
+    WORDS,
+    Metric,
+    lost_when_blinded,
+    lost_when_retrained,
+    pairs_above,
+)
+from apil_core.studies.report.published import published
+from apil_core.studies.report.statistics import ENOUGH_SEEDS, compared
+from apil_core.studies.report.words import budget_mark, percent, several
+
+_HOLDS: Truth = "holds"
+_FAILS: Truth = "does not hold"
+_OPEN: Truth = "cannot be told"
+
+
+_METRICS: tuple[Metric, ...] = ("win_or_tie", "win")
+
+
+class _Finding(NamedTuple):
+    """One comparison: what it says about the claim, and the words for it."""
+
+    verdict: Truth
+    text: str
+
+
+def claims(tables: Sequence[Table], settings: Sequence[Setting]) -> list[Claim]:
+    """All claims in every setting whose tables can tell something about them."""
+    found = []
+    for setting in settings:
+        if setting.changes_method:
+            continue  # an ablation's: no method of the paper
+        own = [table for table in tables if table.setting == setting.id]
+        for seeing in (table for table in own if table.number == 1):
+            found.append(_beats(seeing, setting))
+            found += [_order(seeing, setting, metric) for metric in _METRICS]
+            for blinded in (table for table in own if table.number == 2):
+                found.append(_blinding(seeing, blinded, setting))
+        found += [_resists(table, setting) for table in own if table.number == 4]
+        found += [_remembers(table, setting) for table in own if table.number == 3]
+    return [claim for claim in found if claim.checks]
+
+
+def _beats(table: Table, setting: Setting) -> Claim:
+    def findings(row: Sequence[Cell]) -> Iterator[_Finding]:
+        if _cell(row, BASELINE) is None:
+            yield _Finding(_OPEN, "the baseline adversary was not measured")
+            return
+        for method in _trained(row):
+            yield _more(row, method, BASELINE, "win_or_tie")
+
+    return _claim(
+        "beats baseline",
+        "Every adversarial method beats the baseline adversary (win+tie).",
+        table,
+        setting,
+        findings,
+        pairs_above(1, [(method, BASELINE) for method in ORDER], "win_or_tie"),
+    )
+
+
+def _order(table: Table, setting: Setting, metric: Metric) -> Claim:
+    def findings(row: Sequence[Cell]) -> Iterator[_Finding]:
+        present = [name for name in ORDER if _cell(row, name) is not None]
+        for weaker, stronger in pairwise(present):
+            yield _needing_seeds(row, (weaker, stronger), _more(row, stronger, weaker, metric))
+
+    return _claim(
+        "order" if metric == "win_or_tie" else "order on wins",
+        f"E-APIL ≥ APIL ≥ APL ≥ ADRL on {WORDS[metric]}.",
+        table,
+        setting,
+        findings,
+        pairs_above(1, [(stronger, weaker) for weaker, stronger in pairwise(ORDER)], metric),
+    )
+
+
+def _blinding(seeing: Table, blinded: Table, setting: Setting) -> Claim:
+    before = {(each.game, each.column): each for row in seeing.rows for each in row}
+
+    def findings(row: Sequence[Cell]) -> Iterator[_Finding]:
+        for method in _trained(row):
+            own = _share(_cell(row, method), "win_or_tie")
+            other = _share(before.get((row[0].game, method)), "win_or_tie")
+            if own is not None and other is not None:
+                yield _kept(method, own, other)
+
+    return _claim(
+        "blinding" if blinded.blind == "zeros" else f"blinding ({blinded.blind})",
+        f"Adversaries do not need to see their opponent: blinded ({blinded.blind}), they lose no more than "
+        f"{100 * MARGIN:.0f} points of win+tie.",
+        blinded,
+        setting,
+        findings,
+        lost_when_blinded(),
+    )
+
+
+def _resists(table: Table, setting: Setting) -> Claim:
+    def findings(row: Sequence[Cell]) -> Iterator[_Finding]:
+        if _cell(row, STRONGEST) is not None:
+            yield _more(row, STRONGEST, BASELINE, "win", "retrained against e_apil", "the original victim")
+
+    return _claim(
+        "resists",
+        "The victim retrained against E-APIL's adversary wins more against it than the original victim does.",
+        table,
+        setting,
+        findings,
+        pairs_above(4, [(STRONGEST, BASELINE)], "win"),
+        needs=(STRONGEST,),
+    )
+
+
+def _remembers(table: Table, setting: Setting) -> Claim:
+    def findings(row: Sequence[Cell]) -> Iterator[_Finding]:
+        base = _share(_cell(row, BASELINE), "win")
+        for method in _trained(row):
+            own = _share(_cell(row, method), "win")
+            if own is not None and base is not None:
+                yield _kept(f"retrained against {method}", own, base)
+
+    return _claim(
+        "remembers",
+        "Retrained victims do not forget the baseline adversary: they lose no more than "
+        f"{100 * MARGIN:.0f} points of wins against it.",
+        table,
+        setting,
+        findings,
+        lost_when_retrained(3, "win"),
+    )
+
+
+def _claim(
+    name: str,
+    text: str,
+    table: Table,
+    setting: Setting,
+    findings: Callable[[Sequence[Cell]], Iterator[_Finding]],
+    paper: str,
+    needs: Sequence[str] = ORDER,
+) -> Claim:
+    """A claim with its checks; it is about all games of the paper and about the methods it ``needs``."""
+    checks = []
+    for row in table.rows:
+        found = list(findings(row))
+        if found:
+            missing = [method for method in needs if _cell(row, method) is None]
+            if missing:
+                found.append(_Finding(_OPEN, f"{', '.join(missing)} not measured"))
+            raw = _together([finding.verdict for finding in found])
+            checks.append(Check(game=row[0].game, verdict=_at_budget(raw, setting), text=_listing(found)))
+    games = {check.game for check in checks}
+    absent = [game for game in published().games if game not in games]
+    raw_all = _together([*(check.verdict for check in checks), *[_OPEN for _ in absent]])
+    return Claim(
+        id=name,
+        claim=text,
+        published=paper,
+        setting=setting.id,
+        verdict=raw_all,
+        text=_summary(checks, absent, table, setting),
+        checks=checks,
+    )
+
+
+def _together(verdicts: Sequence[Truth]) -> Truth:
+    """All must hold; one that does not is enough."""
+    if _FAILS in verdicts:
+        return _FAILS
+    return _HOLDS if verdicts and set(verdicts) == {_HOLDS} else _OPEN
+
+
+def _short(setting: Setting) -> str:
+    """Why the budget is not the published one, or ``""``."""
+    marks = dict.fromkeys([setting.budget, budget_mark(setting.steps, published().adversary_steps)])
+    return " and ".join(filter(None, marks)) or ("an unknown budget" if setting.steps is None else "")
+
+
+def _at_budget(verdict: Truth, setting: Setting) -> Truth:
+    return _OPEN if verdict == _FAILS and _short(setting) else verdict
+
+
+def _listing(found: Sequence[_Finding]) -> str:
+    return "; ".join(finding.text for finding in found) + "."
+
+
+def _summary(checks: Sequence[Check], absent: Sequence[str], table: Table, setting: Setting) -> str:
+    counts = {
+        verdict: [c.game for c in checks if c.verdict == verdict] for verdict in (_HOLDS, _FAILS, _OPEN)
+    }
+    parts = [f"{verdict} in {', '.join(games)}" for verdict, games in counts.items() if games]
+    text = "; ".join(parts)[:1].upper() + "; ".join(parts)[1:] + "."
+    if absent:
+        text += f" Not measured: {', '.join(absent)}."
+    if short := _short(setting):
+        seen = f"Seen at {short} of the budget." if len(counts[_HOLDS]) == len(checks) else ""
+        text += f" {seen or f'At this budget ({short}) what does not show is not refuted.'}"
+    seeds = [each.seeds for row in table.rows for each in row if each.scores and each.column != BASELINE]
+    if seeds and min(seeds) < ENOUGH_SEEDS:
+        text += f" Of these agents only ({several(min(seeds), 'seed')}): other seeds may differ."
+    return text
+
+
+def _trained(row: Sequence[Cell]) -> list[str]:
+    """The paper's methods that were measured; its claims are about no others."""
+    return [each.column for each in row if each.scores and each.column in ORDER]
+
+
+def _cell(row: Sequence[Cell], column: str) -> Cell | None:
+    return next((each for each in row if each.column == column and each.scores), None)
+
+
+def _share(own: Cell | None, metric: Metric) -> Share | None:
+    if own is None:
+        return None
+    return (own.win if metric == "win" else own.win_or_tie).measured
+
+
+def _more(
+    row: Sequence[Cell], column: str, base: str, metric: Metric, name: str = "", base_name: str = ""
+) -> _Finding:
+    """That a column is above another: beyond noise, or it cannot be told."""
+    own, other = _share(_cell(row, column), metric), _share(_cell(row, base), metric)
+    name, base_name = name or column, base_name or base
+    if own is None or other is None:
+        return _Finding(_OPEN, f"{base_name if other is None else name} was not measured")
+    difference = compared(own, other)
+    verdict = _OPEN if difference.within_noise else _HOLDS if difference.value > 0 else _FAILS
+    return _Finding(verdict, f"{_numbers(name, own, base_name, other, metric)}, {_points(difference)}")
+
+
+def _needing_seeds(row: Sequence[Cell], columns: Sequence[str], finding: _Finding) -> _Finding:
+    seeds = min(found.seeds for name in columns if (found := _cell(row, name)) is not None)
+    if seeds >= ENOUGH_SEEDS or finding.verdict == _OPEN:
+        return finding
+    return _Finding(_OPEN, f"{finding.text}, but of {several(seeds, 'seed')} each")
+
+
+def _kept(name: str, own: Share, before: Share) -> _Finding:
+    """That no more than the margin was lost: surely not more, surely more, or neither."""
+    text = f"{name} {percent(before.value)} → {percent(own.value)} %"
+    if before.high < MARGIN:
+        return _Finding(_OPEN, f"{text}, too little to lose any")
+    difference = compared(own, before)
+    verdict = _HOLDS if difference.low >= -MARGIN else _FAILS if difference.high < -MARGIN else _OPEN
+    return _Finding(verdict, f"{text}, {_points(difference)}")
+
+
+def _numbers(name: str, own: Share, base_name: str, other: Share, metric: Metric) -> str:
+    return f"{name} {percent(own.value)} % {WORDS[metric]} against {base_name} {percent(other.value)} %"
+
+
+def _points(difference: Difference) -> str:
+    value, low, high = (100 * x for x in (difference.value, difference.low, difference.high))
+    noise = ", within noise" if difference.within_noise else ""
+    return f"{value:+.1f} points [{low:.1f}, {high:.1f}]{noise}"

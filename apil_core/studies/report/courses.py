@@ -1,0 +1,196 @@
+"""How trainings went: learning curves, and numbers that show whether they worked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from apil_core.common.errors import ApilError
+from apil_core.studies.curves.curves import Line, read_curve
+from apil_core.studies.curves.groups import CurveGroup, read_groups
+from apil_core.studies.report.attack_tables import BASELINE
+from apil_core.studies.report.grouping import Groups
+from apil_core.studies.report.models import CurveLine, CurvePanel, Diagnostics, Setting, Table
+from apil_core.studies.report.settings import Key
+from apil_core.studies.report.sources import Run
+from apil_core.training.storage.recorders import read_metrics
+
+POINTS = 300
+"""Points of a line at most: more cannot be seen, and the page stays small."""
+
+_FACTS = {
+    "apil/mse": "imitator: squared error",
+    "apil/constant_mse": "best constant: squared error",
+    "apil/explained_share": "imitator: share explained of what can be",
+    "apil/log_likelihood": "imitator: log-likelihood",
+    "apil/constant_log_likelihood": "best constant: log-likelihood",
+    "apil/discriminator_accuracy_victim": "discriminator: accuracy on the victim",
+    "apil/discriminator_accuracy_imitator": "discriminator: accuracy on the imitator",
+    "ppo/std": "policy: standard deviation of actions",
+}
+UNEVEN = "steps with r^α + r^ν ≠ 0, per game"
+RATIO = "imitator's squared error over the best constant's"
+_LAST = 20
+"""Rows that a final value is the mean of."""
+
+
+def curve_panels(
+    groups: Groups, named: Mapping[Key, Setting], tables: Sequence[Table], columns: Sequence[str]
+) -> list[CurvePanel]:
+    """One panel per game and training setting; every run is in one of them."""
+    drawn: set[str] = set()
+    panels = []
+    for key, setting in _as_trained_first(named):
+        runs = _runs(groups, key)
+        for game in dict.fromkeys(run.config.env for run in runs):
+            own = [run for run in runs if run.config.env == game and run.path not in drawn]
+            own.sort(key=lambda run: (columns.index(run.config.method), run.config.seed))
+            drawn.update(run.path for run in own)
+            if lines := list(_lines(own)):
+                panels.append(
+                    CurvePanel(game=game, setting=setting.id, lines=lines, **_level(tables, setting, game))
+                )
+    return panels
+
+
+def _as_trained_first(named: Mapping[Key, Setting]) -> list[tuple[Key, Setting]]:
+    """Settings whose games were played as the training was come first: what is told of it belongs there."""
+    return sorted(
+        named.items(),
+        key=lambda item: item[0].physics not in (None, item[0].trained) or item[0].scored_with != (),
+    )
+
+
+def _runs(groups: Groups, key: Key) -> list[Run]:
+    scored = [m.run for place, members in groups.cells.items() if place.key == key for m in members]
+    return list({run.path: run for run in [*scored, *(r for k, r in groups.unscored if k == key)]}.values())
+
+
+def _lines(runs: Sequence[Run]) -> Iterator[CurveLine]:
+    """One per method, or more where runs of a method differ in more than the seed."""
+    status = {run.path: run.status for run in runs}
+    readable = [run.dir for run in runs if _readable(run)]
+    for group in read_groups(readable) if readable else []:
+        yield _line(group, all(status[curve.run] == "finished" for curve in group.curves))
+
+
+def _readable(run: Run) -> bool:
+    try:
+        read_curve(run.dir)
+    except ApilError:  # too young for a curve; it is listed as unfinished
+        return False
+    return True
+
+
+def _line(group: CurveGroup, finished: bool) -> CurveLine:
+    several = len(group.curves) > 1
+    return CurveLine(
+        method=group.curves[0].method,
+        label=group.label,
+        seeds=group.seeds,
+        lines={name: thinned(line) for name, line in group.lines.items()},
+        band="standard deviation over seeds" if several else "Wilson interval of the last 1000 games",
+        scores=[score for curve in group.curves for score in curve.scores],
+        finished=finished,
+    )
+
+
+def _level(tables: Sequence[Table], setting: Setting, game: str) -> dict[str, float]:
+    for table in tables:
+        if table.number == 1 and table.setting == setting.id:
+            for own in (each for row in table.rows for each in row):
+                if (
+                    (own.game, own.column) == (game, BASELINE)
+                    and own.win.measured
+                    and own.win_or_tie.measured
+                ):
+                    win, either = own.win.measured.value, own.win_or_tie.measured.value
+                    return {"baseline_win": win, "baseline_win_or_tie": either}
+    return {}
+
+
+def thinned(line: Line) -> Line:
+    """At most :data:`POINTS` of its points, first and last among them."""
+    count = len(line.steps)
+    if count <= POINTS:
+        return line
+    kept = np.unique(np.linspace(0, count - 1, POINTS).round().astype(int)).tolist()
+    return Line(**{name: [values[i] for i in kept] if values else [] for name, values in line})
+
+
+def diagnostics(groups: Groups, named: Mapping[Key, Setting]) -> list[Diagnostics]:
+    """Of every run with metrics, in the order of settings."""
+    found: dict[str, Diagnostics] = {}
+    for key, setting in _as_trained_first(named):
+        for run in _runs(groups, key):
+            if run.path not in found and (rows := _rows(run)):
+                found[run.path] = _diagnostics(run, setting, rows)
+    return list(found.values())
+
+
+def _rows(run: Run) -> list[dict[str, float]]:
+    try:
+        return read_metrics(run.dir.metrics_path)
+    except ApilError:
+        return []
+
+
+def _diagnostics(run: Run, setting: Setting, rows: Sequence[dict[str, float]]) -> Diagnostics:
+    facts = {text: value for name, text in _FACTS.items() if (value := _final(rows, name)) is not None}
+    facts |= _ratio(rows) | _uneven(rows)
+    notes = []
+    if RATIO in facts:
+        notes.append("Below 1 the imitator predicts the victim better than the best constant action does.")
+    lines, more_facts, more_notes = _theory(run)
+    facts, notes = facts | more_facts, [*notes, *more_notes]
+    return Diagnostics(
+        game=run.config.env,
+        method=run.config.method,
+        seed=run.config.seed,
+        setting=setting.id,
+        run=run.path,
+        facts=facts,
+        lines=lines,
+        notes=notes,
+    )
+
+
+def _finite(rows: Sequence[dict[str, float]], name: str) -> list[dict[str, float]]:
+    return [row for row in rows if np.isfinite(row.get(name, np.nan))]
+
+
+def _final(rows: Sequence[dict[str, float]], name: str) -> float | None:
+    values = [row[name] for row in _finite(rows, name)][-_LAST:]
+    return float(np.mean(values)) if values else None
+
+
+def _ratio(rows: Sequence[dict[str, float]]) -> dict[str, float]:
+    own, constant = _final(rows, "apil/mse"), _final(rows, "apil/constant_mse")
+    return {RATIO: own / constant} if own is not None and constant else {}
+
+
+def _uneven(rows: Sequence[dict[str, float]]) -> dict[str, float]:
+    """How often Δr differs from 2 r^α: steps in which the rewards are not opposite, per ended game."""
+    kept = _finite(rows, "reward/uneven_share")
+    before = np.array([0, *(row["steps"] for row in kept)])
+    games = sum(row["games"] for row in kept)
+    uneven = float(np.sum(np.diff(before) * [row["reward/uneven_share"] for row in kept])) if kept else 0.0
+    return {UNEVEN: uneven / games} if games else {}
+
+
+def _theory(run: Run) -> tuple[dict[str, Line], dict[str, float], list[str]]:
+    """What :mod:`apil_core.studies.theory.diagnostics` reads from the log: lines, facts, notes; KL in bits."""
+    from apil_core.studies.theory.diagnostics import diagnose
+
+    try:
+        found = diagnose(run.dir)
+    except ApilError:  # too young, or without any ended game
+        return {}, {}, []
+    facts = {
+        "H, bound of the victim's value": found.value_bound,
+        "2H, the trivial bound": found.trivial_bound,
+        "KL below which the bound says more than 2H": found.informative_kl,
+        "share of rows below it": found.informative_share,
+    }
+    return {name: thinned(line) for name, line in found.lines.items()}, facts, found.notes

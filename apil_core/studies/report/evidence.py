@@ -1,0 +1,93 @@
+"""From directories to everything the report shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from apil_core.studies.report import cautions, hardened, other_results
+from apil_core.studies.report.ablations import ablations
+from apil_core.studies.report.aggregates import aggregates
+from apil_core.studies.report.attack_tables import attack_tables, columns_of, endings, method_differences
+from apil_core.studies.report.claims import claims
+from apil_core.studies.report.courses import curve_panels, diagnostics
+from apil_core.studies.report.grouping import group
+from apil_core.studies.report.labels import settings
+from apil_core.studies.report.models import Evidence, Setting, Warning
+from apil_core.studies.report.provenance import provenance, unfinished
+from apil_core.studies.report.published import published
+from apil_core.studies.report.sources import Sources, read_sources
+
+
+def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> Evidence:
+    """Read benchmarks and say what they show.
+
+    Args:
+        dirs: of benchmarks, finished or not; run directories may stand among them.
+        runs: further single runs.
+
+    Raises:
+        ApilError: nothing to report there, or a file is damaged.
+    """
+    sources = read_sources(dirs, runs)
+    groups = group(sources.runs)
+    named = settings(groups)
+    games, columns = _games(sources), columns_of(sources)
+    attacks = attack_tables(sources, groups, named, games, columns)
+    documents = hardened.crossplays(sources)
+    defences, further = hardened.hardened_tables(documents, games, columns, len(named) + 1)
+    tables, all_settings = [*attacks, *defences], [*named.values(), *further]
+    differences = method_differences(tables)
+    courses, panels = diagnostics(groups, named), curve_panels(groups, named, attacks, columns)
+    ended, missing = endings(attacks), unfinished(sources, groups.unscored)
+    warnings: list[Warning] = [
+        *cautions.setting_warnings(all_settings, tables),
+        *cautions.source_warnings(groups, named, missing, attacks),
+        *cautions.attack_warnings(attacks, differences, panels, all_settings),
+        *cautions.tie_warnings(ended, attacks),
+        *cautions.training_warnings(courses),
+    ]
+    return Evidence(
+        title=_title(sources),
+        games=games,
+        columns=columns,
+        settings=all_settings,
+        tables=tables,
+        differences=differences,
+        aggregates=aggregates(attacks),
+        curves=panels,
+        retraining=other_results.retraining_curves(sources),
+        ablations=ablations(groups, named, courses),
+        endings=ended,
+        crossplay=hardened.matrices(documents),
+        activations=other_results.activations(sources),
+        snapshots=other_results.snapshots(sources),
+        diagnostics=courses,
+        claims=claims(tables, all_settings),
+        warnings=sorted(_placed(warnings, all_settings), key=lambda warning: not warning.loud),
+        unfinished=missing,
+        provenance=provenance(sources),
+    )
+
+
+def _placed(warnings: Sequence[Warning], settings: Sequence[Setting]) -> list[Warning]:
+    """With the setting in words, where warnings are about cells of several."""
+    cells = {warning.setting for warning in warnings if not warning.loud} - {None}
+    labels = {setting.id: setting.label for setting in settings if len(cells) > 1}
+    return [
+        warning
+        if warning.loud or warning.setting not in labels
+        else warning.model_copy(update={"text": f"{labels[warning.setting]}: {warning.text}"})
+        for warning in warnings
+    ]
+
+
+def _games(sources: Sources) -> list[str]:
+    """In the paper's order, others behind."""
+    found = sources.games
+    return [g for g in published().games if g in found] + [g for g in found if g not in published().games]
+
+
+def _title(sources: Sources) -> str:
+    titles = [matrix.title for _, matrix in sources.benches.values() if matrix.title]
+    return titles[0] if titles else "Adversarial policies, as measured"

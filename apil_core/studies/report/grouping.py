@@ -1,0 +1,121 @@
+"""Scores put together that may be averaged, and kept apart otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+from apil_core.config.resolve import differences
+from apil_core.evaluation.results import EvaluationResult
+from apil_core.studies.curves.same_attack import seed_groups
+from apil_core.studies.report.settings import Key, conditions, key_of
+from apil_core.studies.report.sources import Run
+
+_UNTOLD = ("seed", "threads", "device", "recorders", "log_rows", "trust")
+
+
+class Scored(NamedTuple):
+    """One score of one run."""
+
+    run: Run
+    name: str
+    score: EvaluationResult
+
+
+class Place(NamedTuple):
+    """Where scores go: one cell of one table."""
+
+    key: Key
+    blind: str | None
+    game: str
+    method: str
+
+
+@dataclass(frozen=True)
+class Groups:
+    """All scores in their places.
+
+    Attributes:
+        cells: one entry per seed; seeds rise.
+        unscored: runs without any score, with the key of where it would go.
+        copies: scores left out because the same attack with the same seed is there already.
+        variants: what tells the runs of a key with ``variant`` > 0 from those with 0.
+    """
+
+    cells: dict[Place, list[Scored]] = field(default_factory=dict)
+    unscored: list[tuple[Key, Run]] = field(default_factory=list)
+    copies: list[Scored] = field(default_factory=list)
+    variants: dict[Key, str] = field(default_factory=dict)
+
+    def settings(self) -> list[Key]:
+        """All, in the order of appearance."""
+        return list(dict.fromkeys([*(place.key for place in self.cells), *(key for key, _ in self.unscored)]))
+
+    def members(self, key: Key, game: str, method: str, blind: str | None = None) -> list[Scored]:
+        """The scores of one cell."""
+        return self.cells.get(Place(key, blind, game, method), [])
+
+
+def group(runs: Sequence[Run]) -> Groups:
+    """Put every score into its place."""
+    found = Groups()
+    attack = {
+        place: number for number, places in enumerate(seed_groups([r.dir for r in runs])) for place in places
+    }
+    seen: dict[tuple[Key, str, str], list[tuple[int, str, Run]]] = {}
+    for number, run in enumerate(runs):
+        if not run.scores:
+            found.unscored.append((key_of(run, None), run))
+        for name, score in run.scores.items():
+            scored = Scored(run, name, score)
+            place = Place(
+                _place(scored, attack[number], seen, found),
+                blinding(score),
+                run.config.env,
+                run.config.method,
+            )
+            members = found.cells.setdefault(place, [])
+            if any(member.run.config.seed == run.config.seed for member in members):
+                found.copies.append(scored)
+                continue
+            members.append(scored)
+            members.sort(key=lambda member: member.run.config.seed)
+    return found
+
+
+def blinding(score: EvaluationResult) -> str | None:
+    """How the adversary was blinded, in words."""
+    if score.blind is None:
+        return None
+    return f"{score.blind}, imitator too" if score.blind_imitator else score.blind
+
+
+def _place(
+    scored: Scored, attack: int, seen: dict[tuple[Key, str, str], list[tuple[int, str, Run]]], found: Groups
+) -> Key:
+    """The key with its variant: the same for runs that differ in the seed only, and for copies."""
+    run, how = scored.run, conditions(scored.score)
+    key = key_of(run, scored.score)
+    known = seen.setdefault((key, run.config.env, run.config.method), [])
+    for variant, (other, theirs, first) in enumerate(known):
+        if how == theirs and (other == attack or not _telling(first, run)):
+            return replace(key, variant=variant)
+    known.append((attack, how, run))
+    own = replace(key, variant=len(known) - 1)
+    if own.variant:
+        found.variants.setdefault(own, _telling(known[0][2], run) or f"other victim or options ({run.path})")
+    return own
+
+
+def _telling(first: Run, run: Run) -> str:
+    """In what two runs of one cell differ beside the seed."""
+    different = differences(first.config, run.config)
+    facts = [
+        f"{key} {b} instead of {a}"
+        for key, (a, b) in different.items()
+        if key not in _UNTOLD and not key.startswith(("checkpoint.", "evaluation."))
+    ]
+    if first.dir.processes() != run.dir.processes():
+        facts.append(f"{run.dir.processes()} processes instead of {first.dir.processes()}")
+    return ", ".join(facts)

@@ -1,0 +1,332 @@
+"""Tables 3 and 4: retrained victims against the baseline and the E-APIL adversary, from cross-plays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from apil_core.common.errors import ApilError
+from apil_core.evaluation.crossplay.document import CrossPlay, Player
+from apil_core.evaluation.results import EvaluationResult
+from apil_core.runs.retraining.config import RetrainConfig
+from apil_core.runs.retraining.folder import RetrainDir
+from apil_core.studies.bench.jobs import labels
+from apil_core.studies.report.attack_tables import BASELINE
+from apil_core.studies.report.cells import cell, seed_score
+from apil_core.studies.report.labels import cell_marks, setting_notes
+from apil_core.studies.report.models import CrossPlayMatrix, SeedScore, Setting, Share, Table
+from apil_core.studies.report.published import published
+from apil_core.studies.report.settings import key_of, victim_kind
+from apil_core.studies.report.sources import Sources, StoredBench
+from apil_core.studies.report.statistics import share
+from apil_core.studies.report.words import amount, budget_mark
+
+ORIGINAL, AGAINST = "original", "vs "
+"""Labels of the victim as it was, and (before the adversary's) of retrained ones."""
+
+STRONGEST = "e_apil"
+"""Whose adversary table 4 is played with."""
+
+_TITLES = {
+    3: "Retrained victims against the baseline adversary",
+    4: "Retrained victims against E-APIL's adversary",
+}
+
+
+class Block(NamedTuple):
+    """What the cells of one table share.
+
+    Attributes:
+        steps: training budget of the adversaries; ``None`` for the baseline.
+        retrain_steps: of the victims; ``None`` for victims as they were.
+        victim: kind of the original victim.
+        axes: settings in which the adversaries that victims were retrained against are not the usual ones.
+    """
+
+    steps: int | None
+    retrain_steps: int | None
+    physics: str | None
+    victim: str
+    adversary_actions: str
+    victim_actions: str
+    axes: tuple[tuple[str, str], ...] = ()
+
+
+class _Entry(NamedTuple):
+    number: int
+    block: Block
+    game: str
+    column: str
+    score: SeedScore
+
+
+class Attack(NamedTuple):
+    """How an adversary was trained.
+
+    Attributes:
+        steps: the budget asked for; the last iteration may go beyond it.
+        victim: kind of the victim it was trained against.
+        axes: settings in which it is not the usual one.
+    """
+
+    steps: int
+    victim: str
+    axes: tuple[tuple[str, str], ...] = ()
+
+
+class Played(NamedTuple):
+    """A cross-play with what its labels do not tell.
+
+    Attributes:
+        retrain_steps: the benchmark's budget of retraining.
+        attacks: the adversaries that are runs of this report, by label.
+    """
+
+    document: CrossPlay
+    retrain_steps: int | None
+    attacks: Mapping[str, Attack]
+
+    def axes(self, label: str) -> tuple[tuple[str, str], ...]:
+        """Of the adversary of that label."""
+        return self.attacks[label].axes if label in self.attacks else ()
+
+    def attacked(self, label: str) -> str | None:
+        """Kind of the victim that the adversary of that label was trained against, if that is known."""
+        return self.attacks[label].victim if label in self.attacks else None
+
+    def steps(self, label: str) -> int | None:
+        """Training budget of the adversary of that label; ``None`` if it was not trained here."""
+        labels = [player.label for player in self.document.adversaries]
+        row = self.document.scores[labels.index(label)] if label in labels else []
+        trained = next((score.trained_steps for score in row if score is not None), None)
+        if trained is None or label not in self.attacks:
+            return trained
+        return min(trained, self.attacks[label].steps)
+
+
+def crossplays(sources: Sources) -> list[Played]:
+    """The cross-plays of all benchmarks that have any game.
+
+    Raises:
+        ApilError: a document is damaged.
+    """
+    keys = {str(Path(run.path).resolve()): key_of(run, None) for run in sources.runs}
+    attacks = {path: Attack(key.steps or 0, key.victim, key.axes) for path, key in keys.items()}
+    found = []
+    for bench, matrix in sources.benches.values():
+        steps = matrix.retraining.steps if matrix.retraining else None
+        for path in (bench.crossplay_path(game) for game in matrix.games):
+            document = CrossPlay.read(path) if path.is_file() else None
+            if document is not None and document.played:
+                found.append(Played(document, steps, _known(bench, document, attacks)))
+    return found
+
+
+def _known(bench: StoredBench, document: CrossPlay, attacks: Mapping[str, Attack]) -> dict[str, Attack]:
+    """By label; a benchmark that was moved has its cells by their labels still."""
+    cells = labels(bench.benchmark.cells_of(document.env))
+    paths = {label: str(bench.cell(name).path.resolve()) for name, label in cells.items()}
+    paths |= {p.label: path for p in document.adversaries if (path := p.name.removeprefix("run:")) in attacks}
+    return {label: attacks[path] for label, path in paths.items() if path in attacks}
+
+
+def matrices(documents: Sequence[Played]) -> list[CrossPlayMatrix]:
+    """Every cross-play as shares."""
+    return [_matrix(played.document) for played in documents]
+
+
+def _matrix(document: CrossPlay) -> CrossPlayMatrix:
+    first = document.played[0]
+    games = sorted({score.episodes for score in document.played})
+    facts = [f"{games[0]} games each" if len(games) == 1 else f"{games[0]} to {games[-1]} games each"]
+    facts += [f"{first.physics} physics"] if first.physics else []
+    facts.append(f"actions {first.adversary_actions}/{first.victim_actions}")
+    return CrossPlayMatrix(
+        game=document.env,
+        setting=", ".join(facts),
+        adversaries=[player.label for player in document.adversaries],
+        victims=[player.label for player in document.victims],
+        episodes=games[0],
+        win=[[_share(score, 0) for score in row] for row in document.scores],
+        win_or_tie=[[_share(score, 1) for score in row] for row in document.scores],
+    )
+
+
+def _share(score: EvaluationResult | None, ties: int) -> Share | None:
+    return None if score is None else share([score.wins + ties * score.ties], [score.episodes])
+
+
+def hardened_tables(
+    documents: Sequence[Played], games: Sequence[str], columns: Sequence[str], begin: int
+) -> tuple[list[Table], list[Setting]]:
+    """Tables 3 and 4 with their settings.
+
+    Args:
+        documents: see :func:`crossplays`.
+        games, columns: in the report's order.
+        begin: number of the first setting's id.
+    """
+    entries = [entry for played in documents for entry in _entries(played)]
+    blocks = list(dict.fromkeys(entry.block for entry in entries if entry.column != BASELINE))
+    tables: list[Table] = []
+    settings = [_setting(f"s{begin + i}", block) for i, block in enumerate(blocks)]
+    for number in (3, 4):
+        for block, setting in zip(blocks, settings, strict=True):
+            own = [entry for entry in entries if entry.number == number and _belongs(entry, block)]
+            tables.append(_table(number, setting, own, games, columns))
+    return [table for table in tables if table.rows], settings
+
+
+def _belongs(entry: _Entry, block: Block) -> bool:
+    """The victim as it was stands beside all retrained ones that met the same adversaries in the same way."""
+    own = entry.block
+    if entry.column == BASELINE and own.steps in (None, block.steps):
+        return own[2:6] == block[2:6]
+    return own == block
+
+
+def _entries(played: Played) -> Iterator[_Entry]:
+    """The victims' scores, seen from their side."""
+    document = played.document
+    for victim in document.victims:
+        original = _is_original(victim)
+        name = victim.label.removeprefix(AGAINST)
+        if not original and name == victim.label:
+            continue  # somebody else's victim
+        teacher = next((player for player in document.adversaries if player.label == name), None)
+        for number, opponent in _opponents(played, teacher, _attacked(played, victim), original):
+            score = document.score(opponent.label, victim.label)
+            if score is not None:
+                seed = teacher.seed if teacher else None if number == 3 else opponent.seed
+                steps = played.steps(opponent.label if original else name)
+                yield _Entry(
+                    number,
+                    _block(played, victim, score, steps, original),
+                    document.env,
+                    BASELINE if original else name.partition("/")[0],
+                    seed_score(score, f"{opponent.label} against {victim.label}", seed, "victim"),
+                )
+
+
+def _opponents(
+    played: Played, teacher: Player | None, attacked: str, original: bool
+) -> Iterator[tuple[int, Player]]:
+    """Whom a victim meets in tables 3 and 4: the baseline; E-APIL's, unablated, of its own budget and seed.
+
+    The victim as it was meets those of every budget and seed that were trained against it.
+
+    Args:
+        teacher: the adversary it was retrained against.
+        attacked: kind of the original victim.
+        original: it was not.
+    """
+    document = played.document
+    yield from ((3, player) for player in document.adversaries if player.label == BASELINE)
+    strongest = [p for p in document.adversaries if p.method == STRONGEST and not played.axes(p.label)]
+    usual = [p for p in strongest if played.attacked(p.label) in (None, attacked)]
+    if not original and teacher is not None:
+        steps = played.steps(teacher.label)
+        same_budget = [p for p in usual if played.steps(p.label) == steps] or usual
+        usual = ([p for p in same_budget if p.seed == teacher.seed] or same_budget)[:1]
+    yield from ((4, player) for player in usual)
+
+
+def _block(
+    played: Played, victim: Player, score: EvaluationResult, trained: int | None, original: bool
+) -> Block:
+    retraining = None if original else _retraining(victim)
+    return Block(
+        steps=trained,
+        retrain_steps=None if original else retraining.steps if retraining else played.retrain_steps,
+        physics=score.physics,
+        victim=_attacked(played, victim),
+        adversary_actions=score.adversary_actions,
+        victim_actions=score.victim_actions,
+        axes=() if original else played.axes(victim.label.removeprefix(AGAINST)),
+    )
+
+
+def _attacked(played: Played, victim: Player) -> str:
+    """Kind of the victim that it is, or was before it was retrained."""
+    document = played.document
+    if _is_original(victim):
+        return victim_kind(document.env, victim.name)
+    retraining = _retraining(victim)
+    firsts = [player.name for player in document.victims if player.label == ORIGINAL]
+    return victim_kind(document.env, retraining.victim if retraining else firsts[0] if firsts else "")
+
+
+def _is_original(victim: Player) -> bool:
+    return victim.label.partition(" ")[0] == ORIGINAL
+
+
+def _retraining(victim: Player) -> RetrainConfig | None:
+    """How it was retrained, where its directory is still there."""
+    try:
+        return RetrainDir(Path(victim.name.partition(":")[2])).config()
+    except ApilError:
+        return None
+
+
+def _table(
+    number: int, setting: Setting, entries: Sequence[_Entry], games: Sequence[str], columns: Sequence[str]
+) -> Table:
+    source = published().tables[number]
+    rows = []
+    for game in games:
+        own = [entry for entry in entries if entry.game == game]
+        if not any(entry.column != BASELINE for entry in own):
+            continue
+        row = []
+        for column in columns:
+            found = {(e.score.seed, e.score.source): e.score for e in reversed(own) if e.column == column}
+            scores = list(reversed(found.values()))
+            least = min((score.episodes for score in scores), default=published().episodes)
+            trained = 0 if column == BASELINE else len(scores)
+            marks = cell_marks(setting, trained, least) if scores else []
+            changed = setting.axes and column != BASELINE
+            row.append(cell(game, column, scores, None if changed else source.value(game, column), marks))
+        rows.append(row)
+    return Table(
+        id=f"t{number}-{setting.id}",
+        number=3 if number == 3 else 4,
+        name=source.name,
+        title=_TITLES[number],
+        side=source.side,
+        setting=setting.id,
+        columns=list(columns),
+        rows=rows,
+    )
+
+
+def _setting(name: str, block: Block) -> Setting:
+    full = published().retrain_steps
+    facts = [] if block.steps is None else [f"{amount(block.steps)} steps"]
+    facts += [f"{block.physics} physics"] if block.physics else []
+    facts += [f"victims retrained for {amount(block.retrain_steps)} steps"] if block.retrain_steps else []
+    notes = []
+    if mark := budget_mark(block.retrain_steps, full):
+        notes.append(f"Victims retrained for {mark} of the published budget.")
+    notes += setting_notes(block.steps, block.physics, block.physics, block.victim, *block[4:6])
+    axes = ", ".join(f"{key}={value}" for key, value in block.axes)
+    if axes:
+        facts.append(f"against adversaries with {axes}")
+        notes.append(f"Not the defaults: {axes}.")
+    return Setting(
+        id=name,
+        label=", ".join(facts),
+        steps=block.steps,
+        retrain_steps=block.retrain_steps,
+        published_steps=full,
+        budget_share=None if block.retrain_steps is None else block.retrain_steps / full,
+        trained_physics=block.physics,
+        physics=block.physics,
+        victim=block.victim,
+        adversary_actions=block.adversary_actions,
+        victim_actions=block.victim_actions,
+        axes=dict(block.axes),
+        changes_method=any(name.startswith("options.") for name in dict(block.axes)),
+        notes=notes,
+        matches_published=not notes,
+    )

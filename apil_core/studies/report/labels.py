@@ -1,0 +1,145 @@
+"""Settings in words, and what makes their numbers weaker than the published ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from apil_core.api.profiles import FAITHFUL
+from apil_core.studies.report.grouping import Groups
+from apil_core.studies.report.models import Setting
+from apil_core.studies.report.published import published
+from apil_core.studies.report.settings import DEFAULT_VICTIM, STUDENT, Key, varying
+from apil_core.studies.report.words import amount, budget_mark
+
+PUBLISHED_MODE = "mode"
+"""How the published evaluation code chooses both sides' actions (docs/fidelity.md)."""
+
+_ALWAYS = ("steps", "physics")
+
+
+def settings(groups: Groups) -> dict[Key, Setting]:
+    """A setting for every key, the one with most cells first."""
+    keys = _in_order(groups)
+    texts = {key: _texts(key, groups) for key in keys}
+    shown = {*varying(texts.values()), *_ALWAYS}
+    named: dict[Key, Setting] = {}
+    for number, key in enumerate(keys, 1):
+        label = ", ".join(text for name, text in texts[key].items() if name in shown and text)
+        named[key] = _setting(f"s{number}", label, key, texts[key])
+    return named
+
+
+def _in_order(groups: Groups) -> list[Key]:
+    """Most cells, no further axes, largest budget, the game as it was made."""
+    cells = {
+        key: sum(place.key == key and place.blind is None for place in groups.cells)
+        for key in groups.settings()
+    }
+    return sorted(
+        cells,
+        key=lambda key: (
+            *(not cells[key], key.variant, len(key.scored_with), len(key.axes), len(key.other)),
+            *(-cells[key], -(key.steps or 0), key.physics != FAITHFUL),
+        ),
+    )
+
+
+def _texts(key: Key, groups: Groups) -> dict[str, str]:
+    return {
+        "steps": "" if key.steps is None else f"{amount(key.steps)} steps",
+        "physics": _physics(key),
+        "victim": {DEFAULT_VICTIM: "", STUDENT: "embedded students as victims"}.get(
+            key.victim, f"victim {key.victim}"
+        ),
+        "actions": f"actions {_modes(key.adversary_actions, key.victim_actions)}",
+        "axes": _assignments(key.axes),
+        "other": _assignments(key.other),
+        "scored_with": ", ".join(f"{name} ({options})" for name, options in key.scored_with),
+        "variant": groups.variants.get(key, ""),
+    }
+
+
+def _physics(key: Key) -> str:
+    if key.physics is None:
+        return ""
+    if key.trained == key.physics:
+        return f"{key.physics} physics"
+    return f"trained in {key.trained}, played in {key.physics} physics"
+
+
+def _modes(own: str, victims: str) -> str:
+    words = {"sample": "sampled", "mode": "mode"}
+    return f"{words.get(own, own)}/{words.get(victims, victims)}"
+
+
+def _assignments(pairs: Sequence[tuple[str, str]]) -> str:
+    return ", ".join(f"{name}={value}" for name, value in pairs)
+
+
+def _setting(name: str, label: str, key: Key, texts: dict[str, str]) -> Setting:
+    full = published().adversary_steps
+    notes = setting_notes(
+        key.steps, key.trained, key.physics, key.victim, key.adversary_actions, key.victim_actions
+    )
+    notes += [f"Not the defaults: {texts[name]}." for name in ("axes", "other") if texts[name]]
+    notes += [f"The victims were defended in the games: {texts['scored_with']}."] * bool(key.scored_with)
+    return Setting(
+        id=name,
+        label=label or "as measured",
+        steps=key.steps,
+        published_steps=full,
+        budget_share=None if key.steps is None else key.steps / full,
+        trained_physics=key.trained,
+        physics=key.physics,
+        victim=key.victim,
+        adversary_actions=key.adversary_actions,
+        victim_actions=key.victim_actions,
+        axes={**dict(key.axes), **dict(key.other), **dict(key.scored_with)},
+        changes_method=key.changes_method,
+        notes=notes,
+        matches_published=not notes,
+    )
+
+
+def setting_notes(
+    steps: int | None, trained: str | None, physics: str | None, victim: str, own: str, victims: str
+) -> list[str]:
+    """In what games differ from the published ones.
+
+    Args:
+        steps: training budget.
+        trained, physics: profiles of training and of the scored games.
+        victim: as in :class:`apil_core.studies.report.models.Setting`.
+        own, victims: action modes of adversary and victim.
+    """
+    notes = []
+    if mark := budget_mark(steps, published().adversary_steps):
+        notes.append(f"Adversaries trained for {mark} of the published budget.")
+    if physics not in (None, FAITHFUL):
+        notes.append(f"Played in {physics} physics, not in the game as it was made.")
+    elif trained not in (None, FAITHFUL):
+        notes.append(f"Trained in {trained} physics, played in the game as it was made.")
+    if victim == STUDENT:
+        notes.append("The victims are students that ship with apil, not the agents of the papers.")
+    elif victim != DEFAULT_VICTIM:
+        notes.append(f"The victim is {victim}, not the agent of the papers.")
+    if {own, victims} != {PUBLISHED_MODE}:
+        notes.append(
+            f"Actions are {_modes(own, victims)} (adversary/victim); the published evaluation code takes the "
+            "mode of both, and that alone can be worth ten points."
+        )
+    return notes
+
+
+def cell_marks(setting: Setting, seeds: int, episodes: int) -> list[str]:
+    """Short loud words on a cell; ``seeds`` 0 for an agent that was not trained here."""
+    marks = [setting.budget] if seeds and setting.budget else []
+    if 0 < seeds < 3:
+        marks.append(f"{seeds} seed" if seeds == 1 else f"{seeds} seeds")
+    if episodes < published().episodes:
+        marks.append(f"{episodes} games")
+    if setting.physics not in (None, FAITHFUL):
+        marks.append(f"{setting.physics} physics")
+    if setting.victim != DEFAULT_VICTIM:
+        marks.append("other victim" if setting.victim != STUDENT else STUDENT)
+    return marks

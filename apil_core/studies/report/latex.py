@@ -1,0 +1,51 @@
+"""The four tables as LaTeX; they need no package."""
+
+from __future__ import annotations
+
+from apil_core.studies.report.models import Evidence, Figure, Table
+from apil_core.studies.report.words import percent
+
+_SPECIAL = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "−": "$-$",
+    "≥": r"$\geq$",
+    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
+}
+_SIGNS = {"within noise": r"$\approx$", "higher": r"$\uparrow$", "lower": r"$\downarrow$"}
+
+
+def escaped(text: str) -> str:
+    """Text as LaTeX prints it."""
+    return "".join(_SPECIAL.get(letter, letter) for letter in text)
+
+
+def latex_table(evidence: Evidence, table: Table) -> str:
+    """A ``table`` environment; the caption tells the setting and how far it is from the published one."""
+    setting = evidence.setting(table.setting)
+    blind = f", blinded: {table.blind}" if table.blind else ""
+    caption = f"{table.title} ({setting.label}{blind}). {' '.join(setting.notes)}"
+    lines = [
+        r"\begin{table}",
+        r"\centering",
+        rf"\caption{{{escaped(caption)} Per cent of games the {table.side} wins, with 95\,\% intervals; in "
+        r"parentheses the published value.}",
+        rf"\begin{{tabular}}{{ll{'r' * len(table.columns)}}}",
+        r"\hline",
+        " & ".join(["game", "share", *map(escaped, table.columns)]) + r" \\",
+        r"\hline",
+    ]
+    for cells in table.rows:
+        lines.append(" & ".join([escaped(cells[0].game), "win", *(_figure(c.win) for c in cells)]) + r" \\")
+        lines.append(" & ".join(["", "win+tie", *(_figure(c.win_or_tie) for c in cells)]) + r" \\")
+    return "\n".join([*lines, r"\hline", r"\end{tabular}", r"\end{table}", ""])
+
+
+def _figure(figure: Figure) -> str:
+    published = "" if figure.published is None else f" ({100 * figure.published:.0f})"
+    if figure.measured is None:
+        return f"--{published}"
+    own = figure.measured
+    sign = _SIGNS.get(figure.verdict, "")
+    return rf"{percent(own.value)} {{\scriptsize [{percent(own.low)}, {percent(own.high)}]}}{published}{sign}"

@@ -1,0 +1,143 @@
+"""Where the numbers come from: runs, versions, machines, hours; and what is not there yet."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from apil_core.studies.bench.jobs import CELL
+from apil_core.studies.report.models import Provenance, RunFacts, Unfinished
+from apil_core.studies.report.settings import Key
+from apil_core.studies.report.sources import Run, Sources, StoredBench
+
+
+def provenance(sources: Sources) -> Provenance:
+    """All of it."""
+    facts = [_facts(run) for run in sources.runs]
+    versions: dict[str, list[str]] = {}
+    for name, version in ((n, v) for each in facts for n, v in each.versions.items()):
+        versions.setdefault(name, [])
+        if version not in versions[name]:
+            versions[name].append(version)
+    return Provenance(
+        directories=[*sources.benches, *_single_runs(sources)],
+        matrices={path: matrix.model_dump(mode="json") for path, (_, matrix) in sources.benches.items()},
+        runs=facts,
+        versions=versions,
+        git=_all(each.git for each in facts),
+        hosts=_all(each.host for each in facts),
+        hours=sum(each.hours for each in facts),
+        steps=sum(each.steps for each in facts),
+        written=time.strftime("%Y-%m-%d %H:%M:%S%z"),
+        apil=metadata.version("apil"),
+    )
+
+
+def _single_runs(sources: Sources) -> list[str]:
+    """Directories of runs that belong to no benchmark."""
+    benches = [Path(path) for path in sources.benches]
+    return [run.path for run in sources.runs if not any(b in Path(run.path).parents for b in benches)]
+
+
+def _all(texts: Iterable[str]) -> list[str]:
+    return sorted({text for text in texts if text})
+
+
+def _facts(run: Run) -> RunFacts:
+    last, session = run.dir.last_metrics(), _session(run.dir.environment_path)
+    seconds = float(last.get("wall_seconds", 0.0))
+    return RunFacts(
+        game=run.config.env,
+        method=run.config.method,
+        seed=run.config.seed,
+        label=run.name,
+        path=run.path,
+        status=run.status,
+        steps=run.steps,
+        planned_steps=run.config.steps,
+        hours=seconds / 3600,
+        steps_per_second=run.steps / seconds if seconds else 0.0,
+        physics=run.physics,
+        victim=run.dir.victim(),
+        victim_sha256=run.config.victim_sha256 or "",
+        host=str(session.get("host", "")),
+        git=str(session.get("git", "")),
+        versions={str(name): str(version) for name, version in session.get("versions", {}).items()},
+    )
+
+
+def _session(path: Path) -> dict[str, Any]:
+    """The last session's note; an empty one if there is none that can be read."""
+    try:
+        sessions = json.loads(path.read_text())
+        session = dict(sessions[-1])
+        return {**session, "versions": dict(session.get("versions", {}))}
+    except (OSError, ValueError, IndexError, TypeError):
+        return {}
+
+
+def unfinished(sources: Sources, unscored: Sequence[tuple[Key, Run]]) -> list[Unfinished]:
+    """Cells that were not started, failed, are still at work, or have no score."""
+    found = [
+        Unfinished(
+            game=cell.game,
+            method=cell.method,
+            label=cell.label,
+            status=cell.status,
+            steps=0,
+            planned_steps=cell.steps,
+            reason=cell.reason,
+            path=cell.path,
+        )
+        for cell in sources.missing
+    ]
+    found += [
+        Unfinished(
+            game=subject.split("/")[0].split(" ")[0],
+            method=kind,
+            label=subject,
+            status="failed",
+            steps=0,
+            planned_steps=None,
+            reason=reason,
+            path=str(bench.path / kind / subject),
+        )
+        for bench, _ in sources.benches.values()
+        for kind, subject, reason in _failed_jobs(bench)
+    ]
+    without = {run.path for _, run in unscored}
+    return found + [
+        Unfinished(
+            game=run.config.env,
+            method=run.config.method,
+            label=run.name,
+            status=run.status,
+            steps=run.steps,
+            planned_steps=run.config.steps,
+            reason=_reason(run, run.path in without),
+            path=run.path,
+        )
+        for run in sources.runs
+        if run.path in without or run.failure or run.status != "finished"
+    ]
+
+
+def _failed_jobs(bench: StoredBench) -> Iterator[tuple[str, str, str]]:
+    """Kind, subject and reason of everything but trainings, which tell themselves."""
+    for job in bench.jobs:
+        if job.kind != CELL and (reason := bench.failure(job.name)):
+            yield job.kind, job.subject, reason
+
+
+def _reason(run: Run, unscored: bool) -> str:
+    if run.failure:
+        return run.failure
+    if run.steps < run.config.steps:
+        return "training has not reached its budget" + (
+            "" if unscored else "; its scores are of an earlier end"
+        )
+    return "has no score yet" if unscored else f"status: {run.status}"

@@ -1,0 +1,192 @@
+"""What cells of one table have in common: budget, physics, victim, action modes and further settings."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+from apil_core.api.config import RunConfig
+from apil_core.api.specs import GameSpec
+from apil_core.common.errors import ApilError
+from apil_core.config.game import game_model, profile_keys
+from apil_core.config.layers import flag_layer
+from apil_core.config.resolve import differences, flatten, resolve_layers
+from apil_core.evaluation.results import EvaluationResult, in_words, observers_played
+from apil_core.plugins.discovery import PluginRegistry, discover
+from apil_core.studies.report.sources import Run
+
+_FREE = (
+    *(
+        "method",
+        "env",
+        "victim",
+        "victim_sha256",
+        "victim_side",
+        "trust",
+        "steps",
+        "seed",
+        "threads",
+        "device",
+    ),
+    *("recorders", "log_rows", "plugins", "version", "options", "game", "game.physics"),
+)
+_FREE_SECTIONS = ("checkpoint.", "evaluation.", "options.")
+"""Told elsewhere, or without effect, or a matter of one method."""
+
+DEFAULT_VICTIM, STUDENT = "default", "embedded student"
+
+
+@dataclass(frozen=True)
+class Key:
+    """What cells of one block of tables share; see :class:`apil_core.studies.report.models.Setting`.
+
+    Attributes:
+        axes: key and value of the settings its benchmark varies, where they are not the default.
+        other: key and value of what else differs from the defaults, whatever the method.
+        observers: names of those the training had.
+        scored_with: observers that were switched on for the scored games only, as name and options.
+        variant: 0, or counts up where runs of one cell differ in something else still.
+    """
+
+    steps: int | None
+    trained: str | None
+    physics: str | None
+    victim: str
+    adversary_actions: str
+    victim_actions: str
+    axes: tuple[tuple[str, str], ...] = ()
+    other: tuple[tuple[str, str], ...] = ()
+    observers: tuple[str, ...] = ()
+    scored_with: tuple[tuple[str, str], ...] = ()
+    variant: int = 0
+
+    @property
+    def training(self) -> Key:
+        """The same for all scores of a run: how it was trained."""
+        return replace(self, physics=None, adversary_actions="", victim_actions="", scored_with=())
+
+    @property
+    def changes_method(self) -> bool:
+        """Whether an option of a method makes it another one than the published one."""
+        options = (name.split(".")[1] for name, _ in self.axes if name.startswith("options."))
+        return any(owner not in self.observers for owner in options)
+
+
+def key_of(run: Run, score: EvaluationResult | None) -> Key:
+    """Where a score of a run belongs; where its own would, if it has none yet."""
+    config = run.config
+    if score is None:
+        actions = (config.evaluation.adversary_actions, config.evaluation.victim_actions)
+        physics, victim = run.physics, run.dir.victim()
+    else:
+        actions = (score.adversary_actions, score.victim_actions)
+        # scores from before there were profiles tell none: they were played as the run was
+        physics, victim = score.physics or run.physics, score.victim.name
+    trained = score.trained_steps if score is not None else None
+    default = default_config(config)
+    stored = flatten(config.model_dump(mode="json"))
+    usual = {} if default is None else flatten(default.model_dump(mode="json"))
+    axes = {key: stored[key] for key in run.axes if key in stored and stored[key] != usual.get(key)}
+    return Key(
+        # a stopped run's score is one of a smaller budget
+        steps=config.steps if trained is None else min(config.steps, trained),
+        trained=run.physics,
+        physics=physics,
+        victim=victim_kind(config.env, victim, config.plugins),
+        adversary_actions=actions[0],
+        victim_actions=actions[1],
+        axes=tuple((key, str(value)) for key, value in axes.items()),
+        other=tuple((key, str(value)) for key, value in _other(config, default).items() if key not in axes),
+        observers=config.observers,
+        scored_with=_scored_with(config, score),
+    )
+
+
+def _scored_with(config: RunConfig, score: EvaluationResult | None) -> tuple[tuple[str, str], ...]:
+    played = {} if score is None or score.observers is None else score.observers
+    return tuple(
+        (f"scored with {name}", ", ".join(f"{key}={value}" for key, value in options.items()) or "on")
+        for name, options in played.items()
+        if name not in config.observers
+    )
+
+
+def victim_kind(env: str, victim: str, plugins: Sequence[str] = ()) -> str:
+    """``default``, ``embedded student`` or the name, which games do not share."""
+    spec = game_of(env, plugins)
+    if spec is None:
+        return victim
+    kinds = {spec.fallback_victim: STUDENT, spec.default_victim: DEFAULT_VICTIM}
+    return kinds.get(victim, victim)
+
+
+def game_of(env: str, plugins: Sequence[str] = ()) -> GameSpec | None:
+    """What is registered of a game; ``None`` if it is not installed."""
+    try:
+        return _plugins(tuple(plugins)).game(env)
+    except ApilError:
+        return None
+
+
+def value_at(config: RunConfig, key: str) -> Any:
+    """The value of a dotted key, or ``None``."""
+    return flatten(config.model_dump(mode="json")).get(key)
+
+
+def default_config(config: RunConfig) -> RunConfig | None:
+    """What a run of that method in that game has unless told otherwise; ``None`` if it is not installed."""
+    return _default(config.method, config.env, tuple(config.plugins))
+
+
+@cache
+def _default(method: str, env: str, plugins: tuple[str, ...]) -> RunConfig | None:
+    try:
+        return resolve_layers([flag_layer({"method": method, "env": env})], _plugins(plugins))
+    except ApilError:
+        return None
+
+
+@cache
+def _plugins(files: tuple[str, ...]) -> PluginRegistry:
+    return discover(files)
+
+
+def _other(config: RunConfig, default: RunConfig | None) -> dict[str, Any]:
+    if default is None:
+        return {}
+    hidden = {f"game.{key}" for key in profile_keys(game_model(config.env, _plugins(tuple(config.plugins))))}
+    return {
+        # an observer's options say what it does, and no default run has them
+        key: ", ".join(in_words(observers_played(config))) if key == "observers" else value
+        for key, (value, _) in differences(config, default).items()
+        if key not in _FREE and not key.startswith(_FREE_SECTIONS) and key not in hidden
+    }
+
+
+def changed_options(config: RunConfig, besides: Container[str]) -> list[str]:
+    """The method's options that differ from its defaults, ``key=value``, except some keys."""
+    default = default_config(config)
+    usual = {} if default is None else flatten(default.model_dump(mode="json"))
+    return [
+        f"{key}={value}"
+        for key, value in flatten(config.model_dump(mode="json")).items()
+        if key.startswith("options.") and key in usual and value != usual[key] and key not in besides
+    ]
+
+
+def conditions(score: EvaluationResult) -> str:
+    """Everything a score depends on but the adversary, its blinding, the seed and the number of games."""
+    told = {"env", "victim", "adversary_actions", "victim_actions", "observers"}
+    facts = score.model_dump(mode="json", include=told)
+    return str({**facts, **dict(sorted(score.options_played.items()))})
+
+
+def varying(keys: Iterable[Mapping[str, str]]) -> set[str]:
+    """Names whose text is not the same in all of them."""
+    seen: dict[str, set[str]] = {}
+    listed = list(keys)
+    for name in {name for facts in listed for name in facts}:
+        seen[name] = {facts.get(name, "") for facts in listed}
+    return {name for name, texts in seen.items() if len(texts) > 1}

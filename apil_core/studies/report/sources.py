@@ -1,0 +1,185 @@
+"""What the report reads: runs with their scores, the baselines', and what else benchmarks hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from apil_core.api.config import RunConfig
+from apil_core.common.errors import ApilError, ConfigError, RunDirError
+from apil_core.config.game import stored_physics
+from apil_core.evaluation.results import EvaluationResult, told
+from apil_core.studies.bench.cells import Benchmark, resolve_matrix
+from apil_core.studies.bench.folder import BenchDir, CellDir, read_score
+from apil_core.studies.bench.jobs import Job, make_jobs
+from apil_core.studies.bench.matrix import PLAIN, Matrix
+from apil_core.studies.curves.final_score import final_score
+from apil_core.training.storage.run_dir import RunDir
+
+
+@dataclass(frozen=True)
+class Run:
+    """A training run that was started.
+
+    Attributes:
+        name: of the cell in its benchmark, or of the directory.
+        config: as stored.
+        scores: by name; ``plain`` is the one the run ended with if no other has that name.
+        axes: keys that its benchmark varies, without their values.
+        failure: why it failed, or ``""``.
+        steps: of training so far.
+        summary: see :meth:`apil_core.training.storage.run_dir.RunDir.summary`.
+    """
+
+    dir: RunDir
+    name: str
+    config: RunConfig
+    scores: Mapping[str, EvaluationResult]
+    axes: tuple[str, ...]
+    failure: str
+    summary: Mapping[str, Any]
+
+    @cached_property
+    def physics(self) -> str | None:
+        """Profile it was trained in, ``"custom"``, or ``None`` for a game without."""
+        return stored_physics(self.config)
+
+    @property
+    def path(self) -> str:
+        """Its directory."""
+        return str(self.dir.path)
+
+    @property
+    def steps(self) -> int:
+        """Of training so far."""
+        return int(self.summary["steps"])
+
+    @property
+    def status(self) -> str:
+        """``failed``, or what the directory tells."""
+        return "failed" if self.failure else str(self.summary["status"])
+
+
+class StoredRun(RunDir):
+    """A run directory that parses its configuration once: a report asks for it often, and YAML is slow."""
+
+    @cached_property
+    def _config(self) -> RunConfig:
+        return super().config()
+
+    def config(self) -> RunConfig:
+        """The stored configuration; not to be changed."""
+        return self._config
+
+
+class StoredBench(BenchDir):
+    """A benchmark's directory whose matrix is parsed and resolved once."""
+
+    @cached_property
+    def _matrix(self) -> Matrix:
+        return super().matrix()
+
+    def matrix(self) -> Matrix:
+        """The stored, resolved matrix; not to be changed."""
+        return self._matrix
+
+    @cached_property
+    def benchmark(self) -> Benchmark:
+        """What the matrix stands for."""
+        return resolve_matrix(self.matrix(), str(self.matrix_path))
+
+    @cached_property
+    def jobs(self) -> list[Job]:
+        """What it has to do."""
+        return make_jobs(self.benchmark)
+
+
+@dataclass(frozen=True)
+class Missing:
+    """A cell of a benchmark that no run was started for, or whose run cannot be read."""
+
+    game: str
+    method: str
+    label: str
+    steps: int
+    status: str
+    reason: str
+    path: str
+
+
+@dataclass(frozen=True)
+class Sources:
+    """All that was found, in the order given."""
+
+    runs: list[Run] = field(default_factory=list)
+    missing: list[Missing] = field(default_factory=list)
+    baselines: list[EvaluationResult] = field(default_factory=list)
+    benches: dict[str, tuple[StoredBench, Matrix]] = field(default_factory=dict)
+
+    @property
+    def games(self) -> list[str]:
+        """Of all matrices and runs."""
+        named = [game for _, matrix in self.benches.values() for game in matrix.games]
+        return list(dict.fromkeys([*named, *(run.config.env for run in self.runs)]))
+
+
+def read_sources(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> Sources:
+    """Read benchmark directories and single run directories.
+
+    Args:
+        dirs: of benchmarks, or of runs.
+        runs: of runs.
+
+    Raises:
+        ApilError: one of them is neither, or a file in it is damaged.
+    """
+    found = Sources()
+    for path in dict.fromkeys(Path(path).resolve() for path in (*dirs, *runs)):
+        shown = next(given for given in (*dirs, *runs) if Path(given).resolve() == path)
+        if BenchDir(shown).matrix_path.is_file():
+            _read_bench(StoredBench(shown), found)
+        elif RunDir(shown).config_path.is_file():
+            if path not in {Path(run.path).resolve() for run in found.runs}:
+                found.runs.append(_read_run(RunDir(shown), shown.name))
+        else:
+            raise RunDirError(f"{shown} is no benchmark (no matrix.yaml in it) and no run (no config.yaml)")
+    if not found.runs and not found.missing:
+        raise ConfigError(f"nothing to report in {', '.join(map(str, dirs))}")
+    return found
+
+
+def _read_bench(bench: StoredBench, found: Sources) -> None:
+    matrix = bench.matrix()
+    found.benches[str(bench.path)] = (bench, matrix)
+    victims: dict[tuple[str, str], None] = {}
+    for cell in bench.cells():
+        victims[cell.env, cell.victim] = None
+        if not cell.run.config_path.is_file():
+            found.missing.append(_missing(cell, cell.status, cell.failure or "not started"))
+            continue
+        try:
+            found.runs.append(_read_run(cell.run, cell.name, tuple(cell.axes), cell.failure))
+        except ApilError as error:  # one damaged cell is no reason to show none
+            found.missing.append(_missing(cell, "damaged", str(error)))
+    for game, victim in victims:
+        scores = (bench.baseline(game, name, victim) for name in matrix.scores)
+        found.baselines.extend(score for score in scores if score is not None)
+
+
+def _missing(cell: CellDir, status: str, reason: str) -> Missing:
+    return Missing(cell.env, cell.method, cell.name, cell.steps, status, reason, str(cell.run.path))
+
+
+def _read_run(directory: RunDir, name: str, axes: tuple[str, ...] = (), failure: str = "") -> Run:
+    run = StoredRun(directory.path)
+    names = sorted(path.stem for path in (run.path / "scores").glob("*.json"))
+    scores = {each: score for each in names if (score := read_score(run.path, each)) is not None}
+    if PLAIN not in scores and (ended := final_score(run)) is not None:
+        scores = {PLAIN: ended, **scores}
+    config = run.config()
+    scores = {each: told(score, config) for each, score in scores.items()}
+    ordered = dict(sorted(scores.items(), key=lambda item: item[0] != PLAIN))
+    return Run(run, name, config, ordered, axes, failure, run.summary())

@@ -1,0 +1,112 @@
+"""Shares over seeds, their differences, and means over games. Libraries do the arithmetic."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import hypot
+
+import numpy as np
+
+from apil_core.common.statistics import Difference
+from apil_core.evaluation.results import Rate, wilson
+from apil_core.studies.report.models import Share, Verdict
+
+ENOUGH_SEEDS = 3
+"""Below so many the spread over seeds cannot be told."""
+
+_RESAMPLES = 5000
+
+
+def share(counts: Sequence[int], games: Sequence[int]) -> Share:
+    """Share of games, mean over seeds.
+
+    The interval covers the games of these agents (Wilson, all games together) below three seeds; from three
+    on other seeds too: Student's t over the seeds' shares, or Wilson's where that reaches further, since
+    seeds that happen to agree do not make their games more.
+
+    Args:
+        counts, games: one of each per seed, at least one; games are positive.
+    """
+    from statsmodels.stats.weightstats import DescrStatsW
+
+    values = [count / total for count, total in zip(counts, games, strict=True)]
+    pooled = wilson(sum(counts), sum(games))
+    low, high = pooled.low, pooled.high
+    if len(values) >= ENOUGH_SEEDS:
+        seeds = DescrStatsW(values).tconfint_mean()
+        low, high = max(0.0, min(low, seeds[0])), min(1.0, max(high, seeds[1]))
+    mean = float(np.mean(values))
+    return Share(
+        value=mean,
+        low=min(float(low), mean),  # of unequal numbers of games the mean can lie outside
+        high=max(float(high), mean),
+        interval="seeds" if len(values) >= ENOUGH_SEEDS else "games",
+        sd=float(np.std(values, ddof=1)) if len(values) > 1 else None,
+        minimum=min(values),
+        maximum=max(values),
+        per_seed=values,
+    )
+
+
+def compared(measured: Share | Rate, base: Share | Rate) -> Difference:
+    """``measured - base`` with a 95 % interval made of both intervals.
+
+    Newcombe's construction: the distance of each share to its own limits, added in squares (for other
+    intervals than Wilson's known as MOVER, Zou and Donner 2008). With Wilson's intervals it is exactly the
+    interval of :func:`apil_core.common.statistics.difference`; with those over seeds it covers seeds as well.
+    """
+    value = measured.value - base.value
+    low = value - hypot(measured.value - measured.low, base.high - base.value)
+    high = value + hypot(measured.high - measured.value, base.value - base.low)
+    return Difference(value=value, low=low, high=high, within_noise=low <= 0 <= high)
+
+
+def published_rate(fraction: float, games: int) -> Rate:
+    """A published share with the interval that its number of games gives it."""
+    return wilson(round(fraction * games), games)
+
+
+def verdict(difference: Difference) -> Verdict:
+    """Whether a difference is more than noise, and which way."""
+    if difference.within_noise:
+        return "within noise"
+    return "higher" if difference.value > 0 else "lower"
+
+
+def interquartile_mean(values: Sequence[float]) -> float:
+    """Mean of the middle half (25 % cut off at either end), Agarwal et al. 2021."""
+    from scipy.stats import trim_mean
+
+    return float(trim_mean(values, 0.25))
+
+
+def stratified_interval(by_game: Sequence[Sequence[float]], seed: int = 0) -> tuple[float, float] | None:
+    """95 % percentile bootstrap interval of the interquartile mean over games and seeds.
+
+    Seeds are redrawn within each game, games are kept (Agarwal et al. 2021).
+
+    Args:
+        by_game: shares of each game, one per seed.
+        seed: of the redrawing.
+
+    Returns:
+        ``None`` if a game has fewer than two seeds: nothing could be redrawn.
+    """
+    from scipy.stats import bootstrap, trim_mean
+
+    if min(map(len, by_game), default=0) < 2:
+        return None
+
+    def statistic(*samples: np.ndarray, axis: int = -1) -> np.ndarray:
+        return np.asarray(trim_mean(np.concatenate(samples, axis=axis), 0.25, axis=axis))
+
+    drawn = bootstrap(
+        [np.asarray(values) for values in by_game],
+        statistic,
+        n_resamples=_RESAMPLES,
+        vectorized=True,
+        method="percentile",
+        rng=np.random.default_rng(seed),
+    )
+    low, high = drawn.confidence_interval
+    return float(low), float(high)

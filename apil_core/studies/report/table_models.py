@@ -1,0 +1,202 @@
+"""Tables as data: settings, cells with their figures, methods compared. Shares of games are fractions."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import BaseModel
+
+from apil_core.common.statistics import Difference
+from apil_core.studies.report.words import budget_mark
+
+Verdict = Literal["within noise", "higher", "lower", "no published value", "not measured"]
+"""What the difference of two shares says; ``within noise`` means that it could be chance."""
+
+Side = Literal["adversary", "victim"]
+"""Whose wins a share counts."""
+
+
+class Setting(BaseModel):
+    """What cells have in common that may be compared or averaged: one block of each table.
+
+    Attributes:
+        id: short and stable: ``"s1"``, …
+        label: in words, e.g. ``"1 M steps, fast physics"``; tells it from the report's other settings.
+        steps: adversaries' training budget asked for; ``None`` where there is none or several.
+        retrain_steps: budget of the victims' retraining, in tables 3 and 4.
+        published_steps: the published budget that this one is measured by.
+        budget_share: of the published budget, as a fraction (of the retraining's where there is one).
+        trained_physics, physics: profiles of training and of the scored games; ``None`` without profiles.
+        victim: ``"default"`` (each game's own, the papers' where it is one of theirs),
+            ``"embedded student"`` or a policy's name.
+        adversary_actions, victim_actions: how actions of the scored games were chosen.
+        axes: further settings that tell it from others, by their names in ``--set``.
+        changes_method: an option of a method makes it another one than the published one.
+        notes: what makes its numbers weaker than the published ones, one sentence each, loudest first.
+        matches_published: nothing of that kind: budget, physics, victim and action modes are the paper's.
+    """
+
+    id: str
+    label: str
+    steps: int | None = None
+    retrain_steps: int | None = None
+    published_steps: int
+    budget_share: float | None = None
+    trained_physics: str | None = None
+    physics: str | None = None
+    victim: str = "default"
+    adversary_actions: str = ""
+    victim_actions: str = ""
+    axes: dict[str, Any] = {}
+    changes_method: bool = False
+    notes: list[str] = []
+    matches_published: bool = False
+
+    @property
+    def budget(self) -> str:
+        """The loud mark: ``"1 M of 35 M = 2.9 %"``; empty if the budget is the published one."""
+        own = self.retrain_steps if self.retrain_steps is not None else self.steps
+        return budget_mark(own, self.published_steps)
+
+
+class Share(BaseModel):
+    """A share of games, over one seed or several.
+
+    Attributes:
+        value: mean over seeds.
+        low, high: 95 % interval.
+        interval: what the interval covers: ``"games"`` (Wilson, over the games of these agents: below
+            three seeds) or ``"seeds"`` (Student's t over seeds, never narrower than the former).
+        sd: standard deviation over seeds; ``None`` below two.
+        minimum, maximum: over seeds.
+        per_seed: value of each seed, as in the cell's ``scores``.
+    """
+
+    value: float
+    low: float
+    high: float
+    interval: Literal["games", "seeds"]
+    sd: float | None
+    minimum: float
+    maximum: float
+    per_seed: list[float]
+
+
+class Figure(BaseModel):
+    """A measured share beside its published value.
+
+    Attributes:
+        difference: measured minus published, with Newcombe's interval.
+    """
+
+    measured: Share | None = None
+    published: float | None = None
+    difference: Difference | None = None
+    verdict: Verdict = "not measured"
+
+
+class SeedScore(BaseModel):
+    """The games of one trained agent; counts are of the table's side.
+
+    Attributes:
+        source: the run directory, or the two labels of a cross-play.
+        steps: it was trained for; ``None`` for agents that were not trained here.
+    """
+
+    seed: int | None
+    source: str
+    steps: int | None
+    episodes: int
+    wins: int
+    ties: int
+    losses: int
+    causes: dict[str, int]
+    mean_length: float
+
+
+class Cell(BaseModel):
+    """One game × column of a table.
+
+    Attributes:
+        column: ``"baseline"`` or a method's name.
+        scores: one per seed; empty if nothing was measured.
+        marks: what to be loud about, short, e.g. ``"1 M of 35 M = 2.9 %"``, ``"1 seed"``.
+    """
+
+    game: str
+    column: str
+    win: Figure
+    win_or_tie: Figure
+    scores: list[SeedScore] = []
+    marks: list[str] = []
+
+    @property
+    def episodes(self) -> int:
+        """Games of all seeds."""
+        return sum(score.episodes for score in self.scores)
+
+    @property
+    def seeds(self) -> int:
+        """How many."""
+        return len(self.scores)
+
+
+class Table(BaseModel):
+    """One of the paper's four tables in one setting.
+
+    Attributes:
+        id: ``"t1-s1"``, ``"t2-s1-zeros"``, …; unique in a report.
+        number: 1 to 4, the paper's.
+        name: its key in ``published_results.json``.
+        side: whose wins are counted.
+        columns: baseline first, then the paper's methods, then others.
+        blind: table 2: how the adversary was blinded, e.g. ``"zeros"`` or ``"zeros, imitator too"``.
+        rows: one list per game, cells in the order of ``columns``.
+    """
+
+    id: str
+    number: Literal[1, 2, 3, 4]
+    name: str
+    title: str
+    side: Side
+    setting: str
+    columns: list[str]
+    blind: str | None = None
+    rows: list[list[Cell]]
+
+
+class MethodDifference(BaseModel):
+    """Two columns of one game in one table (its id) compared: ``column`` minus ``base``."""
+
+    table: str
+    setting: str
+    game: str
+    column: str
+    base: str
+    win: Difference
+    win_or_tie: Difference
+    win_verdict: Verdict
+    win_or_tie_verdict: Verdict
+
+
+class Aggregate(BaseModel):
+    """A method over all games of a setting.
+
+    Attributes:
+        metric: ``"win"`` or ``"win_or_tie"``.
+        iqm: interquartile mean over games and seeds.
+        low, high: 95 % stratified bootstrap interval (seeds redrawn within each game); ``None`` with fewer
+            than two seeds in a game.
+        games, seeds: behind it; ``seeds`` is the least of any game.
+        note: what it cannot tell.
+    """
+
+    setting: str
+    column: str
+    metric: Literal["win", "win_or_tie"]
+    iqm: float
+    low: float | None
+    high: float | None
+    games: list[str]
+    seeds: int
+    note: str

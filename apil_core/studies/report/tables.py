@@ -1,0 +1,195 @@
+"""The evidence as tables beside the page: CSV with every number, Markdown and LaTeX to read and to print."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from apil_core.common.errors import RunDirError
+from apil_core.common.files import write_atomically
+from apil_core.studies.report.latex import latex_table
+from apil_core.studies.report.markdown import markdown_report, markdown_table
+from apil_core.studies.report.models import Cell, Evidence, Figure, Table
+
+Row = Mapping[str, Any]
+
+_ENDINGS = {"CSV": "csv", "Markdown": "md", "LaTeX": "tex"}
+
+
+def write_tables(evidence: Evidence, directory: Path) -> list[Path]:
+    """Write all tables: ``t1-s1.csv``, ``.md``, ``.tex``, …; ``differences.csv`` and others; ``report.md``.
+
+    Args:
+        evidence: what :func:`apil_core.studies.report.evidence.gather` gave.
+        directory: made if it is not there.
+
+    Returns:
+        The files.
+
+    Raises:
+        RunDirError: they cannot be written.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunDirError(f"cannot make {directory}: {error.strerror}") from error
+    texts: dict[str, str] = {}
+    for table in evidence.tables:
+        made = copies(table, evidence)
+        texts |= {f"{table.id}.{ending}": made[name] for name, ending in _ENDINGS.items()}
+    lists = {name: list(rows) for name, rows in _lists(evidence).items()}
+    texts |= {f"{name}.csv": csv_text(rows) for name, rows in lists.items() if rows}
+    texts["report.md"] = markdown_report(evidence)
+    return [_write(directory / name, text) for name, text in texts.items()]
+
+
+def copies(table: Table, evidence: Evidence) -> dict[str, str]:
+    """One table in each format, by the format's name."""
+    return {
+        "Markdown": markdown_table(evidence, table),
+        "LaTeX": latex_table(evidence, table),
+        "CSV": csv_text(table_rows(evidence, table)),
+    }
+
+
+def _write(path: Path, text: str) -> Path:
+    write_atomically(path, lambda file: file.write(text.encode()))
+    return path
+
+
+def csv_text(rows: Iterable[Row]) -> str:
+    """Rows as CSV under the names of all their columns."""
+    listed = list(rows)
+    names = list(dict.fromkeys(name for row in listed for name in row))
+    out = io.StringIO()
+    writer = csv.DictWriter(out, names, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(listed)
+    return out.getvalue()
+
+
+def table_rows(evidence: Evidence, table: Table) -> Iterable[Row]:
+    """One row per cell and share, with everything the share depends on; shares are fractions."""
+    setting = evidence.setting(table.setting)
+    shared = {
+        "table": table.number,
+        "side": table.side,
+        "setting": setting.label,
+        "steps": setting.steps,
+        "retrain_steps": setting.retrain_steps,
+        "published_steps": setting.published_steps,
+        "budget_share": setting.budget_share,
+        "trained_physics": setting.trained_physics,
+        "physics": setting.physics,
+        "victim": setting.victim,
+        "adversary_actions": setting.adversary_actions,
+        "victim_actions": setting.victim_actions,
+        "blind": table.blind,
+    }
+    for cell in (cell for row in table.rows for cell in row):
+        for name, figure in (("win", cell.win), ("win_or_tie", cell.win_or_tie)):
+            yield {**shared, **_figure_row(cell, name, figure)}
+
+
+def _figure_row(cell: Cell, name: str, figure: Figure) -> Row:
+    measured, difference = figure.measured, figure.difference
+    numbers: dict[str, Any] = dict.fromkeys(
+        ("measured", "low", "high", "interval", "sd", "minimum", "maximum", "per_seed")
+    )
+    if measured is not None:
+        numbers = measured.model_dump()
+        numbers["measured"] = numbers.pop("value")
+        numbers["per_seed"] = _joined(measured.per_seed)
+    return {
+        "game": cell.game,
+        "column": cell.column,
+        "share": name,
+        "published": figure.published,
+        "measured": numbers.pop("measured"),
+        **numbers,
+        "difference": None if difference is None else difference.value,
+        "difference_low": None if difference is None else difference.low,
+        "difference_high": None if difference is None else difference.high,
+        "verdict": figure.verdict,
+        "seeds": cell.seeds,
+        "seed_names": _joined(score.seed for score in cell.scores),
+        "episodes": cell.episodes,
+        "marks": "; ".join(cell.marks),
+    }
+
+
+def _joined(values: Iterable[Any]) -> str:
+    return " ".join(str(value) for value in values)
+
+
+def _lists(evidence: Evidence) -> dict[str, Iterable[Row]]:
+    labels = {setting.id: setting.label for setting in evidence.settings}
+
+    def flat(entries: Sequence[Any], **drop: bool) -> Iterable[Row]:
+        for entry in entries:
+            row = {k: v for k, v in entry.model_dump(mode="json").items() if k not in drop}
+            if "setting" in row:
+                row["setting"] = labels.get(row["setting"], row["setting"])
+            yield _flattened(row)
+
+    return {
+        "differences": flat(evidence.differences),
+        "aggregates": flat(evidence.aggregates),
+        "endings": flat(evidence.endings),
+        "ablations": (row for ablation in evidence.ablations for row in _ablation_rows(ablation, labels)),
+        "crossplay": (row for matrix in evidence.crossplay for row in _crossplay_rows(matrix)),
+        "claims": (
+            {"claim": claim.claim, "setting": labels[claim.setting], **check.model_dump()}
+            for claim in evidence.claims
+            for check in claim.checks
+        ),
+        "warnings": flat(evidence.warnings),
+        "unfinished": flat(evidence.unfinished),
+        "runs": flat(evidence.provenance.runs),
+    }
+
+
+def _flattened(row: Mapping[str, Any]) -> Row:
+    flat: dict[str, Any] = {}
+    for name, value in row.items():
+        if isinstance(value, Mapping):
+            flat |= {f"{name}/{key}": inner for key, inner in value.items()}
+        else:
+            flat[name] = _joined(value) if isinstance(value, list) else value
+    return flat
+
+
+def _ablation_rows(ablation: Any, labels: Mapping[str, str]) -> Iterable[Row]:
+    for row in ablation.rows:
+        yield {
+            "axis": ablation.axis,
+            "value": row.value,
+            "game": ablation.game,
+            "method": ablation.method,
+            "setting": labels[ablation.setting],
+            "win": row.cell.win.measured.value,
+            "win_or_tie": row.cell.win_or_tie.measured.value,
+            "win_verdict": row.win_verdict,
+            "win_or_tie_verdict": row.win_or_tie_verdict,
+            "seeds": row.cell.seeds,
+            "episodes": row.cell.episodes,
+            "imitator_error": row.imitator_error,
+        }
+
+
+def _crossplay_rows(matrix: Any) -> Iterable[Row]:
+    for i, adversary in enumerate(matrix.adversaries):
+        for j, victim in enumerate(matrix.victims):
+            win, either = matrix.win[i][j], matrix.win_or_tie[i][j]
+            if win is not None and either is not None:
+                yield {
+                    "game": matrix.game,
+                    "adversary": adversary,
+                    "victim": victim,
+                    "setting": matrix.setting,
+                    **{f"win_{name}": getattr(win, name) for name in ("value", "low", "high")},
+                    **{f"win_or_tie_{name}": getattr(either, name) for name in ("value", "low", "high")},
+                }

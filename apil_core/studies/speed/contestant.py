@@ -1,0 +1,92 @@
+"""One training that takes its turns with others in a process, as if it were alone in it."""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+
+from apil_core.api.config import RunConfig
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.hook_manager import RunHookManager
+from apil_core.studies.speed.hooks import TimedHooks
+from apil_core.training.build import build
+from apil_core.training.trainer import Trainer
+
+
+@dataclass
+class Start:
+    """Where the games and the victim stood before a block."""
+
+    game: dict[str, Any]
+    victim: dict[str, Any]
+    generator: torch.Tensor
+
+
+class Contestant:
+    """A whole training; torch's global random generator is its own while it has its turn.
+
+    Args:
+        config: of the run.
+        plugins: to build it from.
+        manager: of its hooks.
+    """
+
+    def __init__(self, config: RunConfig, plugins: PluginRegistry, manager: type[RunHookManager]):
+        self._generator = torch.get_rng_state()
+        with self._turn():
+            self.attack = build(config, plugins, manager)
+            self.trainer = Trainer(self.attack, plugins)
+            with self.attack.hooks.attribution():
+                self.trainer.hook.run_started(run=self.trainer)
+
+    def iterate(self) -> tuple[float, float]:
+        """One iteration; returns the seconds of its collection, and of all of it."""
+        with self._turn():
+            begin = time.perf_counter()
+            metrics = self.trainer.iterate()
+            return metrics["collect_seconds"], time.perf_counter() - begin
+
+    def whole(self) -> float:
+        """One iteration; returns its seconds."""
+        return self.iterate()[1]
+
+    @property
+    def timed_hooks(self) -> TimedHooks:
+        """Its hook manager, which must be of that kind."""
+        assert isinstance(self.attack.hooks, TimedHooks)
+        return self.attack.hooks
+
+    def start(self) -> Start:
+        """Where games and victim stand, between two iterations."""
+        return Start(
+            copy.deepcopy(self.attack.game.state_dict()),
+            copy.deepcopy(self.attack.victim.recurrent_state()),
+            self.attack.generators["victim"].get_state(),
+        )
+
+    def follow(self, other: Contestant) -> None:
+        """Go on from where another one stands, bit for bit."""
+        with self._turn():
+            self.trainer.load_state_dict(copy.deepcopy(other.trainer.state_dict()))
+        self._generator = other._generator
+
+    def close(self) -> None:
+        """Release the games."""
+        self.trainer.side_games.close()
+        self.attack.game.close()
+
+    @contextmanager
+    def _turn(self) -> Iterator[None]:
+        before = torch.get_rng_state()
+        torch.set_rng_state(self._generator)
+        try:
+            yield
+        finally:
+            self._generator = torch.get_rng_state()
+            torch.set_rng_state(before)

@@ -1,0 +1,10 @@
+"""Print the table of docs/theory.md."""
+
+from apil_core.studies.theory.survey import survey
+
+if __name__ == "__main__":
+    print("| bound | game | draws | violations | median gap / bound | largest |")
+    print("|---|---|---|---|---|---|")
+    for row in survey():
+        name = f"{row.bound} | {row.game} | {row.draws} | {row.violations}"
+        print(f"| {name} | {row.median:.4f} | {row.largest:.4f} |")
