@@ -13,7 +13,7 @@ from apil_core.cli.flags import Json
 from apil_core.cli.output import console, print_json, table
 
 if TYPE_CHECKING:
-    from apil_core.doctor import Report, Status
+    from apil_core.cli.doctor_checks import Report, Status
 
 _COLOURS: dict[Status, str] = {"ok": "green", "warning": "yellow", "error": "red"}
 
@@ -44,7 +44,7 @@ def doctor(
 
 
 def _examined(plugin: list[Path], quick: bool) -> Report:
-    from apil_core.doctor import examine
+    from apil_core.cli.doctor_checks import examine
 
     if not sys.stderr.isatty():
         return examine(plugin, quick=quick)

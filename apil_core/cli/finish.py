@@ -9,10 +9,10 @@ from apil_core.cli.guard import INTERRUPTED, complain
 from apil_core.training.distributed.world import World
 
 if TYPE_CHECKING:
+    from apil_core.cli.souvenirs import Souvenirs
     from apil_core.evaluation.progress import Progress
     from apil_core.evaluation.results import EvaluationResult
     from apil_core.runs.runner import RunResult
-    from apil_core.souvenirs import Souvenirs
 
 
 def finish(result: RunResult, progress: Progress, *, show: bool, as_json: bool) -> dict[str, Any]:
@@ -50,7 +50,7 @@ def print_end(result: RunResult) -> None:
 
 def _souvenirs(result: RunResult, progress: Progress, *, silent: bool) -> dict[str, Any]:
     from apil_core.cli.output import console
-    from apil_core.souvenirs import make_souvenirs
+    from apil_core.cli.souvenirs import make_souvenirs
     from apil_core.training.storage.run_dir import RunDir
 
     progress.note("playing games to compare with, drawing the learning curve, looking for a won game to film")

@@ -12,9 +12,9 @@ import pytest
 from PIL import Image
 
 from apil_core.cli.finish import finish
+from apil_core.cli.souvenirs import make_souvenirs
 from apil_core.evaluation.progress import Progress
 from apil_core.runs.runner import RunResult
-from apil_core.souvenirs import make_souvenirs
 from apil_core.training.storage.run_dir import RunDir
 from apil_envs import gl
 from cli.cli_helpers import SMALL, TINY, Apil

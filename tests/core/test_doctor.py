@@ -8,17 +8,9 @@ from pathlib import Path
 import pytest
 from cli.cli_helpers import COIN
 
-from apil_core.doctor import (
-    Finding,
-    Report,
-    examination,
-    games,
-    plugins,
-    presets,
-    weights,
-)
-from apil_core.doctor.scope import Scope
-from apil_core.doctor.trial import TrialError, attempt
+from apil_core.cli.doctor_checks import Finding, Report, examination, games, plugins, presets, weights
+from apil_core.cli.doctor_checks.scope import Scope
+from apil_core.cli.doctor_checks.trial import TrialError, attempt
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.policies import zoo_cache as cache
 from apil_core.policies import zoo_catalogue as catalogue

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from apil_core.doctor import disk, interpreter, learning, packages, processor
-from apil_core.doctor.scope import Scope
+from apil_core.cli.doctor_checks import disk, interpreter, learning, packages, processor
+from apil_core.cli.doctor_checks.scope import Scope
 from apil_core.plugins.discovery import PluginRegistry
 
 

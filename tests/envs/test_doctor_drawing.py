@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from apil_core.doctor import drawing, games
-from apil_core.doctor.scope import Scope
+from apil_core.cli.doctor_checks import drawing, games
+from apil_core.cli.doctor_checks.scope import Scope
 from apil_core.plugins.discovery import discover
 from apil_envs import gl
 

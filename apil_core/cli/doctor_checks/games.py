@@ -6,10 +6,10 @@ import os
 from collections.abc import Iterator
 
 from apil_core.api.specs import GameSpec
-from apil_core.doctor.drawing import BACKENDS
-from apil_core.doctor.finding import Finding, error, good, warning
-from apil_core.doctor.scope import Scope
-from apil_core.doctor.trial import TrialError, attempt
+from apil_core.cli.doctor_checks.drawing import BACKENDS
+from apil_core.cli.doctor_checks.finding import Finding, error, good, warning
+from apil_core.cli.doctor_checks.scope import Scope
+from apil_core.cli.doctor_checks.trial import TrialError, attempt
 
 SECONDS = 1.5
 """How long each game's rate is measured."""

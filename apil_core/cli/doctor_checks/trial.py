@@ -26,7 +26,7 @@ def attempt(
     environment: Mapping[str, str] | None = None,
     patience: float = PATIENCE,
 ) -> dict[str, Any]:
-    """What a function of :mod:`apil_core.doctor.probes` gives.
+    """What a function of :mod:`apil_core.cli.doctor_checks.probes` gives.
 
     Args:
         probe: its name.
@@ -40,7 +40,7 @@ def attempt(
     """
     order = json.dumps([probe, [str(path) for path in plugin_files], arguments])
     # -P: like the console script, it must not take the user's folder for a place of libraries
-    command = [sys.executable, "-P", "-m", "apil_core.doctor.probes", order]
+    command = [sys.executable, "-P", "-m", "apil_core.cli.doctor_checks.probes", order]
     try:
         done = subprocess.run(
             command,

@@ -10,8 +10,8 @@ from importlib import metadata
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from apil_core.doctor.finding import Finding, error, good, warning
-from apil_core.doctor.scope import Scope
+from apil_core.cli.doctor_checks.finding import Finding, error, good, warning
+from apil_core.cli.doctor_checks.scope import Scope
 
 DISTRIBUTION = "apil"
 NEWEST = "3.13"

@@ -6,9 +6,9 @@ import os
 import sys
 from collections.abc import Iterator
 
-from apil_core.doctor.finding import Finding, good, warning
-from apil_core.doctor.scope import Scope
-from apil_core.doctor.trial import TrialError, attempt
+from apil_core.cli.doctor_checks.finding import Finding, good, warning
+from apil_core.cli.doctor_checks.scope import Scope
+from apil_core.cli.doctor_checks.trial import TrialError, attempt
 
 BACKENDS = {
     "egl": ("EGL", "`apt-get install libegl1`"),

@@ -6,8 +6,8 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from apil_core.doctor.finding import Finding, good, warning
-from apil_core.doctor.scope import Scope
+from apil_core.cli.doctor_checks.finding import Finding, good, warning
+from apil_core.cli.doctor_checks.scope import Scope
 
 _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 _V1 = Path("/sys/fs/cgroup/cpu")

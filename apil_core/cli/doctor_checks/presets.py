@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from apil_core.cli.doctor_checks.finding import Finding, good, listed, warning
+from apil_core.cli.doctor_checks.scope import Scope
 from apil_core.common.errors import ApilError
 from apil_core.config.layers import preset_layer, preset_names
 from apil_core.config.resolve import resolve_layers
-from apil_core.doctor.finding import Finding, good, listed, warning
-from apil_core.doctor.scope import Scope
 
 
 def check(scope: Scope) -> Iterator[Finding]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from apil_core.doctor.finding import Finding, error, good, warning
-from apil_core.doctor.scope import Scope
-from apil_core.doctor.trial import TrialError, attempt
+from apil_core.cli.doctor_checks.finding import Finding, error, good, warning
+from apil_core.cli.doctor_checks.scope import Scope
+from apil_core.cli.doctor_checks.trial import TrialError, attempt
 
 _GET = "`apil victims import DIR` or `apil victims download`"
 

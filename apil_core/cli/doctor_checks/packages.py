@@ -8,9 +8,9 @@ from importlib import metadata
 
 from packaging.requirements import Requirement
 
-from apil_core.doctor.finding import Finding, error, good, listed
-from apil_core.doctor.interpreter import DISTRIBUTION
-from apil_core.doctor.scope import Scope
+from apil_core.cli.doctor_checks.finding import Finding, error, good, listed
+from apil_core.cli.doctor_checks.interpreter import DISTRIBUTION
+from apil_core.cli.doctor_checks.scope import Scope
 
 _FIRST = ("torch", "mujoco", "numpy", "rsl-rl-lib")
 """What a score may depend on most, named first."""

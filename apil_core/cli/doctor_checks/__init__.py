@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from apil_core.doctor.examination import examine
-from apil_core.doctor.finding import Finding, Report, Status
+from apil_core.cli.doctor_checks.examination import examine
+from apil_core.cli.doctor_checks.finding import Finding, Report, Status
 
 __all__ = ["Finding", "Report", "Status", "examine"]

@@ -6,9 +6,9 @@ import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from apil_core.cli.doctor_checks.finding import Finding, error, good, warning
+from apil_core.cli.doctor_checks.scope import Scope
 from apil_core.common.files import why_unwritable
-from apil_core.doctor.finding import Finding, error, good, warning
-from apil_core.doctor.scope import Scope
 from apil_core.policies.zoo_cache import cache_dir
 from apil_core.training.storage.run_dir import DEFAULT_ROOT
 

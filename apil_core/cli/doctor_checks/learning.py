@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from apil_core.doctor.finding import Finding, error, good, listed
-from apil_core.doctor.scope import Scope
-from apil_core.doctor.trial import TrialError, attempt
+from apil_core.cli.doctor_checks.finding import Finding, error, good, listed
+from apil_core.cli.doctor_checks.scope import Scope
+from apil_core.cli.doctor_checks.trial import TrialError, attempt
 
 
 def check(scope: Scope) -> Iterator[Finding]:

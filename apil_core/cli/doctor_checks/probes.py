@@ -1,6 +1,6 @@
-"""What :mod:`apil_core.doctor.trial` runs in a process of its own; answers are one JSON object on stdout.
+"""What :mod:`apil_core.cli.doctor_checks.trial` runs in a process of its own; answers are one JSON object on stdout.
 
-python -m apil_core.doctor.probes '["play", [], ["sumo-ants", "1.5"]]'
+python -m apil_core.cli.doctor_checks.probes '["play", [], ["sumo-ants", "1.5"]]'
 """
 
 from __future__ import annotations

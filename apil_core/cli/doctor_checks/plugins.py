@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from apil_core.cli.doctor_checks.finding import Finding, error, good, listed, warning
+from apil_core.cli.doctor_checks.scope import Scope
 from apil_core.common.errors import PluginError
-from apil_core.doctor.finding import Finding, error, good, listed, warning
-from apil_core.doctor.scope import Scope
 from apil_core.plugins.discovery import PluginRecord, PluginRegistry, discover
 
 

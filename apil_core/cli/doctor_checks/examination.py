@@ -7,21 +7,21 @@ from pathlib import Path
 
 import apil_core
 from apil_core.api.specs import load
-from apil_core.doctor.finding import Finding, Report, warning
-from apil_core.doctor.scope import Scope
+from apil_core.cli.doctor_checks.finding import Finding, Report, warning
+from apil_core.cli.doctor_checks.scope import Scope
 from apil_core.plugins.discovery import PluginRegistry
 
 CHECKS = {
-    "python": "apil_core.doctor.interpreter:check",
-    "packages": "apil_core.doctor.packages:check",
-    "plugins": "apil_core.doctor.plugins:check",
-    "presets": "apil_core.doctor.presets:check",
-    "cpu": "apil_core.doctor.processor:check",
-    "learner and gpu": "apil_core.doctor.learning:check",
-    "games": "apil_core.doctor.games:check",
-    "drawing": "apil_core.doctor.drawing:check",
-    "victims": "apil_core.doctor.weights:check",
-    "disk": "apil_core.doctor.disk:check",
+    "python": "apil_core.cli.doctor_checks.interpreter:check",
+    "packages": "apil_core.cli.doctor_checks.packages:check",
+    "plugins": "apil_core.cli.doctor_checks.plugins:check",
+    "presets": "apil_core.cli.doctor_checks.presets:check",
+    "cpu": "apil_core.cli.doctor_checks.processor:check",
+    "learner and gpu": "apil_core.cli.doctor_checks.learning:check",
+    "games": "apil_core.cli.doctor_checks.games:check",
+    "drawing": "apil_core.cli.doctor_checks.drawing:check",
+    "victims": "apil_core.cli.doctor_checks.weights:check",
+    "disk": "apil_core.cli.doctor_checks.disk:check",
 }
 """Functions from a :class:`Scope` to findings; lazy, since a check may need what is not installed."""
 
@@ -40,7 +40,7 @@ def examine(
         watch: told the name of each check when it begins.
     """
     registry = PluginRegistry()
-    finder = load("apil_core.doctor.plugins:find")
+    finder = load("apil_core.cli.doctor_checks.plugins:find")
     findings = list(guarded("plugins", lambda: finder(registry, plugin_files)))
     scope = Scope(registry, tuple(plugin_files), quick)
     for name, reference in CHECKS.items():
