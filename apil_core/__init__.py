@@ -87,7 +87,6 @@ if TYPE_CHECKING:
     from apil_core.api.config import Section as Section
     from apil_core.api.config import absent as absent
     from apil_core.api.game import NO_WINNER as NO_WINNER
-    from apil_core.api.game import Colour as Colour
     from apil_core.api.game import Game as Game
     from apil_core.api.game import GameLayout as GameLayout
     from apil_core.api.game import GameStep as GameStep
@@ -121,6 +120,7 @@ if TYPE_CHECKING:
     from apil_core.api.types import Rollout as Rollout
     from apil_core.api.types import StepBatch as StepBatch
     from apil_core.api.types import View as View
+    from apil_core.common.colours import Colour as Colour
     from apil_core.common.errors import ApilError as ApilError
     from apil_core.common.errors import ConfigError as ConfigError
     from apil_core.common.errors import PluginError as PluginError

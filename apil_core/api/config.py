@@ -1,4 +1,4 @@
-"""The configuration of a run: pure data. :mod:`apil_core.config.resolve` reads files, presets and ``--set``."""
+"""The configuration of a run: pure data (:mod:`apil_core.config.resolve` reads it from files)."""
 
 from __future__ import annotations
 

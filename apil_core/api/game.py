@@ -14,12 +14,11 @@ from typing import Any
 from numpy.typing import NDArray
 
 from apil_core.api.stopwatch import PhysicsStopwatch
+from apil_core.common.colours import Colour
 from apil_core.common.errors import ApilError
 
 Array = NDArray[Any]
 
-Colour = tuple[int, int, int]
-"""Red, green and blue, 0–255."""
 
 NO_WINNER = -1
 """Value of :attr:`GameStep.winner` for a tie, and for a game that goes on."""

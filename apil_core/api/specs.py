@@ -12,6 +12,8 @@ import traceback
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from pydantic import BaseModel
+
 from apil_core.common.errors import PluginError
 
 
@@ -246,3 +248,21 @@ def _graphics_hint(error: BaseException) -> str:
     if not asked or not any("mujoco" in frame.filename for frame in frames):
         return ""
     return f" (MUJOCO_GL is set to {asked!r}: install that OpenGL, or unset it)"
+
+
+def options_model(reference: str, whose: str = "") -> type[BaseModel]:
+    """The pydantic model a spec names.
+
+    Args:
+        reference: as the spec has it.
+        whose: said first in an error, e.g. ``"method 'apil'"``.
+
+    Raises:
+        PluginError: it cannot be loaded or is no pydantic model.
+    """
+    model = load(reference, whose)
+    if not (isinstance(model, type) and issubclass(model, BaseModel)):
+        what = model.__name__ if isinstance(model, type) else type(model).__name__
+        asked = f"{whose}: " if whose else ""
+        raise PluginError(f"{asked}{reference} must be a pydantic model, got {what}")
+    return model

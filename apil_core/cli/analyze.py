@@ -135,8 +135,8 @@ app.command(activations)
 
 def _places(out: Path | None, picture: Path | None, force: bool) -> tuple[Path | None, Path | None]:
     """Where document and picture go; checked before minutes of playing."""
+    from apil_core.common.charts import check_picture
     from apil_core.common.files import check_place
-    from apil_core.studies.curves.picture import check_picture
 
     if out is not None and out.suffix != ".json":
         try:

@@ -101,12 +101,12 @@ def crossplay(
     was stopped, also with players added; a file that was made with other settings is refused.
     """
     from apil_core.cli.crossplay_table import print_crossplay
+    from apil_core.common.charts import check_picture
     from apil_core.common.files import check_place
     from apil_core.evaluation.crossplay.crossplay import crossplay as play
     from apil_core.evaluation.crossplay.document import comparisons
     from apil_core.evaluation.crossplay.heat_map import draw_crossplay
     from apil_core.runs.labels import labelled
-    from apil_core.studies.curves.picture import check_picture
 
     if picture is not None:
         check_picture(picture)

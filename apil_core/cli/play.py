@@ -41,7 +41,7 @@ class Screen:
     fps: Annotated[float, Parameter(group=_WHERE, help="About so many frames a second.")] = 30.0
 
     def programme(self, **which: Any) -> Programme:
-        """What is to be shown; ``which`` are the other fields of :class:`apil_core.evaluation.video.recording.Programme`.
+        """What is to be shown; ``which`` are the other fields of :class:`.recording.Programme`.
 
         Raises:
             ConfigError: a file without pictures to write to it.

@@ -39,8 +39,9 @@ def plot(
     Runs that differ in the seed only become one line, their mean, with their standard deviation as a band.
     Points are evaluations with 95 % intervals. Of a retraining: the victim's shares against each opponent.
     """
+    from apil_core.common.charts import check_picture
     from apil_core.studies.curves.groups import read_groups
-    from apil_core.studies.curves.picture import check_picture, draw_curves
+    from apil_core.studies.curves.picture import draw_curves
     from apil_core.training.storage.run_dir import RunDir
 
     check_picture(out)

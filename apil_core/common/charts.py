@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
+
+from apil_core.common.errors import ConfigError
 
 GREY = "#60666f"
 
@@ -20,3 +23,17 @@ STYLE: dict[str, Any] = {
     "legend.frameon": False,
 }
 """matplotlib's settings, over its defaults."""
+
+
+FORMATS = (".png", ".svg", ".pdf")
+"""What pictures of curves can be written as."""
+
+
+def check_picture(path: Path) -> None:
+    """Whether a picture of curves can be written under that name.
+
+    Raises:
+        ConfigError: it cannot.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise ConfigError(f"{path}: curves are drawn as {', '.join(FORMATS[:-1])} or {FORMATS[-1]} files")

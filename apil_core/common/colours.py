@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from apil_core.api.game import Colour
-
 VICTIM: Colour = (38, 88, 204)
 ADVERSARY: Colour = (205, 45, 42)
 NEUTRAL: Colour = (96, 102, 112)
@@ -29,3 +27,7 @@ def light(colour: Colour) -> Colour:
     """A light shade of it, legible on a dark ground."""
     red, green, blue = ((channel + 2 * 255) // 3 for channel in colour)
     return red, green, blue
+
+
+Colour = tuple[int, int, int]
+"""Red, green and blue, 0–255."""

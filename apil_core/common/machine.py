@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import psutil
 
 MEGABYTE = 1_000_000
@@ -11,3 +13,10 @@ MEGABYTE = 1_000_000
 def resident_mb() -> float:
     """Resident set of this process now, in MB of 10⁶ bytes; worker processes of a game are not in it."""
     return float(psutil.Process().memory_info().rss) / MEGABYTE
+
+
+def usable_cpus() -> int:
+    """CPUs this process may run on."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

@@ -11,10 +11,9 @@ from pydantic import BaseModel
 from pydantic_core import to_jsonable_python
 
 from apil_core.api.config import Absent, RunConfig
-from apil_core.api.specs import RunPluginSpec
+from apil_core.api.specs import RunPluginSpec, options_model
 from apil_core.common.errors import ApilError
 from apil_core.config.layers import texts_in
-from apil_core.config.schema import options_model
 from apil_core.plugins.discovery import PluginRegistry
 
 Model = TypeVar("Model", bound=BaseModel)

@@ -14,10 +14,11 @@ from pydantic import BaseModel, ValidationError, create_model
 
 from apil_core.api.config import RunConfig, Section
 from apil_core.api.profiles import ProfiledOptions
+from apil_core.api.specs import options_model
 from apil_core.common.errors import ApilError
 from apil_core.config.layers import Key, Layer, flag_layer, merge, set_layer
 from apil_core.config.problems import Problem, problems_of, raise_problems
-from apil_core.config.schema import NoOptions, options_model
+from apil_core.config.schema import NoOptions
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import default_plugins
 

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError, create_model
 
 from apil_core.api.config import RunConfig, Section
-from apil_core.api.specs import titled
+from apil_core.api.specs import options_model, titled
 from apil_core.common.errors import ConfigError, UnknownNameError
 from apil_core.config.layers import Key, Layer, merge, set_layer
 from apil_core.config.problems import problems_of, raise_problems
-from apil_core.config.schema import options_model
 from apil_core.plugins.discovery import PluginRegistry
 
 if TYPE_CHECKING:

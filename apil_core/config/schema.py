@@ -9,8 +9,7 @@ from typing import Any
 from pydantic import BaseModel, Field, create_model
 
 from apil_core.api.config import RunConfig, Section
-from apil_core.api.specs import RunPluginSpec, load, titled
-from apil_core.common.errors import PluginError
+from apil_core.api.specs import RunPluginSpec, options_model, titled
 from apil_core.plugins.discovery import PluginRegistry
 
 
@@ -36,24 +35,6 @@ def full_model(
         reference = plugins.game(env).config
         fields["game"] = _field("game", options_model(reference) if reference else NoOptions)
     return create_model("RunConfig", __base__=RunConfig, **fields)
-
-
-def options_model(reference: str, whose: str = "") -> type[BaseModel]:
-    """The pydantic model a spec names.
-
-    Args:
-        reference: as the spec has it.
-        whose: said first in an error, e.g. ``"method 'apil'"``.
-
-    Raises:
-        PluginError: it cannot be loaded or is no pydantic model.
-    """
-    model = load(reference, whose)
-    if not (isinstance(model, type) and issubclass(model, BaseModel)):
-        what = model.__name__ if isinstance(model, type) else type(model).__name__
-        asked = f"{whose}: " if whose else ""
-        raise PluginError(f"{asked}{reference} must be a pydantic model, got {what}")
-    return model
 
 
 def json_schema(plugins: PluginRegistry, method: str | None = None) -> dict[str, Any]:

@@ -14,9 +14,8 @@ from apil_core.api.hook_api import HOOK_API, STATEMENT
 from apil_core.api.hooks import PROJECT
 from apil_core.api.hookspecs import ProcessHooks, RunHooks
 from apil_core.api.method import Method, Observer, RunPlugin
-from apil_core.api.specs import MethodSpec, RunPluginSpec, load, titled, wanted_of
+from apil_core.api.specs import MethodSpec, RunPluginSpec, load, options_model, titled, wanted_of
 from apil_core.common.errors import PluginError
-from apil_core.config.schema import options_model
 from apil_core.plugins.discovery import PluginRecord, PluginRegistry
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.validation import register, remarks

@@ -10,7 +10,7 @@ APIL_HOOK_API = 2
 
 @hookimpl
 def register_policies() -> list[PolicySpec]:
-    """Offer ``zoo:`` and ``embedded:<game>/<side>/<version>``, ``retrained:DIR``, ``baseline:<kind>/OxA``."""
+    """Offer ``zoo:`` and ``embedded:<game>/<side>/<version>`` and ``baseline:<kind>/OxA``."""
     return [
         PolicySpec(
             scheme="zoo",
@@ -23,11 +23,6 @@ def register_policies() -> list[PolicySpec]:
             loader="apil_core.policies.embedded:load",
             lister="apil_core.policies.embedded:list_embedded",
             summary="students of those, distilled by us and shipped with APIL",
-        ),
-        PolicySpec(
-            scheme="retrained",
-            loader="apil_core.runs.retraining.hardened:load",
-            summary="victim hardened by `apil retrain`: retrained:DIR",
         ),
         PolicySpec(
             scheme="baseline",

@@ -12,9 +12,8 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from apil_core.api.method import Method
-from apil_core.api.specs import load
+from apil_core.api.specs import load, options_model
 from apil_core.common.errors import PluginError
-from apil_core.config.schema import options_model
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.validation import forgotten

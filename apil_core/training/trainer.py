@@ -13,8 +13,8 @@ from torch import Tensor
 from apil_core.api.method import Observer, RunPlugin
 from apil_core.api.policy import Policy
 from apil_core.api.types import Rollout
-from apil_core.cli.doctor_checks.processor import usable_cpus
 from apil_core.common.errors import PluginError
+from apil_core.common.machine import usable_cpus
 from apil_core.common.torch_threads import side_by_side
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.hook_manager import shown

@@ -9,10 +9,10 @@ from typing import Any
 from pydantic import BaseModel
 
 from apil_core import RunConfig
+from apil_core.api.specs import options_model
 from apil_core.cli.app import make_app
 from apil_core.config.layers import preset_layer, preset_names
 from apil_core.config.resolve import flatten
-from apil_core.config.schema import options_model
 from apil_core.plugins.discovery import PluginRegistry
 
 _BOUNDS = {"minimum": "≥ {}", "exclusiveMinimum": "> {}", "maximum": "≤ {}", "exclusiveMaximum": "< {}"}

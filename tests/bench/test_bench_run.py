@@ -228,7 +228,8 @@ def test_a_job_stops_with_a_checkpoint_when_its_supervisor_is_killed(tmp_path: P
     ledger = made(tmp_path / "b", small_matrix(steps=steps))
     name = make_jobs(ledger.benchmark)[0].name
     code = (
-        "import signal, sys; from pathlib import Path; from apil_core.studies.bench.executor import LocalProcesses\n"
+        "import signal, sys; from pathlib import Path\n"
+        "from apil_core.studies.bench.executor import LocalProcesses\n"
         "signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})\n"
         "LocalProcesses(Path(sys.argv[1]), 1, 1).submit(sys.argv[2]).result()"
     )

@@ -13,8 +13,8 @@ import pytest
 from cli.cli_helpers import VERBS
 
 from apil_core.api.hookspecs import RunHooks
+from apil_core.api.specs import options_model
 from apil_core.config.resolve import flatten
-from apil_core.config.schema import options_model
 from apil_core.plugins.discovery import discover
 from docs.pages import ROOT, blocks
 

@@ -12,8 +12,8 @@ from core.every_game import GAME_NAMES
 from pydantic import ValidationError
 
 from apil_core import make_game
+from apil_core.api.specs import options_model
 from apil_core.config.game import spelt_out
-from apil_core.config.schema import options_model
 from apil_core.evaluation.fidelity.rows import read_rows
 from apil_core.plugins.registry import default_plugins
 from apil_envs.game_base import MujocoGame

@@ -1,4 +1,4 @@
-"""What :mod:`apil_core.cli.doctor_checks.trial` runs in a process of its own; answers are one JSON object on stdout.
+"""What :mod:`.trial` runs in a process of its own; answers are one JSON object on stdout.
 
 python -m apil_core.cli.doctor_checks.probes '["play", [], ["sumo-ants", "1.5"]]'
 """

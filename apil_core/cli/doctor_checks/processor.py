@@ -8,6 +8,7 @@ from pathlib import Path
 
 from apil_core.cli.doctor_checks.finding import Finding, good, warning
 from apil_core.cli.doctor_checks.scope import Scope
+from apil_core.common.machine import usable_cpus
 
 _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 _V1 = Path("/sys/fs/cgroup/cpu")
@@ -27,13 +28,6 @@ def check(scope: Scope) -> Iterator[Finding]:
     if settings:
         use = "networks run on one thread anyway, physics on --threads"
         yield good("cpu: threads", f"{', '.join(settings)}; {use}")
-
-
-def usable_cpus() -> int:
-    """CPUs this process may run on."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def judge(total: int, usable: int, limit: float | None) -> Finding:

@@ -44,7 +44,7 @@ def crossplay(
         command: stored in the document.
         progress: told of the games played, over all pairings, and of each finished one.
         options: ``env``, ``physics``, ``victim_actions`` and the like for all pairings: see
-            :func:`apil_core.evaluation.pairing.load_pairing`. Needed where runs were trained in different games.
+            :func:`.pairing.load_pairing`. Needed where runs were trained in different games.
 
     Raises:
         ApilError: anything wrong with the names, files or sizes given, or ``out`` has other games.

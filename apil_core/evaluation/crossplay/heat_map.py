@@ -10,12 +10,11 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from apil_core.api.game import Colour
 from apil_core.common import colours
-from apil_core.common.charts import GREY, STYLE
+from apil_core.common.charts import GREY, STYLE, check_picture
+from apil_core.common.colours import Colour
 from apil_core.common.files import write_atomically
 from apil_core.evaluation.crossplay.document import SHARES, CrossPlay, Share, share_of
-from apil_core.studies.curves.picture import check_picture
 
 _TITLES: dict[Share, str] = {
     "win": "games won by the adversary, %",
@@ -32,7 +31,7 @@ def draw_crossplay(document: CrossPlay, path: Path) -> None:
 
     Args:
         document: what was played; pairings that were not are left blank.
-        path: of the picture; see :data:`apil_core.studies.curves.picture.FORMATS`.
+        path: of the picture; see :data:`apil_core.common.charts.FORMATS`.
 
     Raises:
         ApilError: the file cannot be written, or not in that format.

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from PIL import Image, ImageDraw, ImageFont
 
-from apil_core.api.game import Colour
 from apil_core.common import colours
+from apil_core.common.colours import Colour
 from apil_core.evaluation.video.single_game import Moment, Outcome, PlayedGame
 
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from apil_core.api.game import NO_WINNER, Array, Colour, Game, GameLayout, GameStep
+from apil_core.api.game import NO_WINNER, Array, Game, GameLayout, GameStep
+from apil_core.common.colours import Colour
 from apil_core.common.errors import ApilError, ConfigError, PluginError
 from apil_core.games.pettingzoo.bundle import CAUSES, DIVERGED, GOES_ON, TIME_UP, UNSAID
 from apil_core.games.pettingzoo.bundles import Bundles

@@ -12,15 +12,8 @@ _HERE = "apil_core.policies.foreign"
 
 @hookimpl
 def register_policies() -> list[PolicySpec]:
-    """Offer runs, exported files, network files and Python callables, each ``<scheme>:<path or name>``."""
+    """Offer network files and Python callables, each ``<scheme>:<path or name>``."""
     return [
-        PolicySpec(
-            "run",
-            "apil_core.training.export.run_policy:load",
-            summary="what a run trained: run:DIR, its newest checkpoint",
-            seat=True,
-            plugins=True,
-        ),
         PolicySpec(
             "torchscript",
             f"{_HERE}.torchscript:load",
@@ -43,13 +36,6 @@ def register_policies() -> list[PolicySpec]:
             "sb3",
             f"{_HERE}.sb3:load",
             summary="agent of Stable-Baselines3 (PPO, A2C, SAC, TD3, DDPG): sb3:FILE.zip",
-        ),
-        PolicySpec(
-            "safetensors",
-            f"{_HERE}.safetensors:load",
-            summary="adversary from `apil export`, or student from `apil distill`: safetensors:FILE",
-            seat=True,
-            plugins=True,
         ),
         PolicySpec(
             "python",

@@ -1,6 +1,6 @@
 """PPO for a victim's own network, with or without memory.
 
-The adversaries' learner (:mod:`apil_core.training.ppo`) stands on rsl_rl, whose models are its own; a victim is a
+The adversaries' learner (:mod:`.training.ppo`) stands on rsl_rl, whose models are its own; a victim is a
 given network, and with an LSTM needs gradients through time. The settings and what they mean are the same:
 :class:`apil_core.api.config.PPOConfig`, docs/methods.md §3.
 

@@ -25,7 +25,7 @@ class TrackioRecorder:
     """A tracked run in ``<run_dir>/trackio``, or where ``TRACKIO_DIR`` says; its name in ``trackio.json``.
 
     The library fixes its directory when it is imported, and a process may train several runs, so it works
-    in a process of its own (:mod:`apil_core.runs.trackers.trackio_writer`). That one outlives a killed run just
+    in a process of its own (:mod:`.trackio_writer`). That one outlives a killed run just
     long enough to store all it was told. Steps are environment steps. A resumed run goes on under its name,
     and rows that the run has gone back behind are deleted; on a remote server nobody can, there they stay.
 

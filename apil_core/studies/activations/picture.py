@@ -11,10 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from apil_core.common import colours
-from apil_core.common.charts import GREY, STYLE
+from apil_core.common.charts import GREY, STYLE, check_picture
 from apil_core.common.files import write_atomically
 from apil_core.studies.activations.models import ActivationMap
-from apil_core.studies.curves.picture import check_picture
 
 _MARKERS = "osD^vP*"
 _SIZE = (10.4, 5.0)  # inches
@@ -26,7 +25,7 @@ def draw_activations(found: ActivationMap, path: Path, *, methods: Sequence[str]
 
     Args:
         found: what is drawn.
-        path: of the picture; see :data:`apil_core.studies.curves.picture.FORMATS`.
+        path: of the picture; see :data:`apil_core.common.charts.FORMATS`.
         methods: labels in an order that several pictures share, so that a method has one colour in all of
             them; default: this map's own. Normal play is grey anyway.
 

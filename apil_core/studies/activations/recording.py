@@ -53,7 +53,7 @@ class RecordingPolicy(Policy):
 
     Args:
         policy: the other one; it must tell its activations.
-        games: how many will be played by :func:`apil_core.evaluation.play.play`, which hands them to free slots in
+        games: how many will be played by :func:`.evaluation.play.play`, which hands them to free slots in
             order; what a slot does beyond them is not kept.
 
     Raises:

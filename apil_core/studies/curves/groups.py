@@ -38,10 +38,10 @@ def read_groups(runs: Sequence[RunDir], metrics: Sequence[str] = ()) -> list[Cur
 
     Args:
         runs: their directories.
-        metrics: see :func:`apil_core.studies.curves.curves.read_curve`.
+        metrics: see :func:`.curves.read_curve`.
 
     Raises:
-        ApilError: as :func:`apil_core.studies.curves.curves.read_curve`; or a run is named twice, or seeds share no steps.
+        ApilError: as :func:`.curves.read_curve`; or a run is named twice, or seeds share no steps.
     """
     twice = [path for path, times in Counter(run.path.resolve() for run in runs).items() if times > 1]
     if twice:

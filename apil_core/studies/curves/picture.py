@@ -13,18 +13,14 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
-from apil_core.api.game import Colour
 from apil_core.common import colours
-from apil_core.common.charts import GREY, STYLE
-from apil_core.common.errors import ConfigError
+from apil_core.common.charts import GREY, STYLE, check_picture
+from apil_core.common.colours import Colour
 from apil_core.common.files import write_atomically
 from apil_core.evaluation.results import Rate
 from apil_core.studies.curves.captions import Wording, legend
 from apil_core.studies.curves.curves import IMITATOR, RETURN, WIN, WIN_OR_TIE, Curve, Line
 from apil_core.studies.curves.groups import CurveGroup
-
-FORMATS = (".png", ".svg", ".pdf")
-"""What pictures of curves can be written as."""
 
 _TITLES = {
     WIN: "games won by {player}, %",
@@ -45,16 +41,6 @@ class _Pen:
     colour: tuple[float, ...]
     dashes: str
     marker: str
-
-
-def check_picture(path: Path) -> None:
-    """Whether a picture of curves can be written under that name.
-
-    Raises:
-        ConfigError: it cannot.
-    """
-    if path.suffix.lower() not in FORMATS:
-        raise ConfigError(f"{path}: curves are drawn as {', '.join(FORMATS[:-1])} or {FORMATS[-1]} files")
 
 
 def draw_curves(groups: Sequence[CurveGroup], path: Path, wording: Wording | None = None) -> None:

@@ -180,7 +180,7 @@ def _uneven(rows: Sequence[dict[str, float]]) -> dict[str, float]:
 
 
 def _theory(run: Run) -> tuple[dict[str, Line], dict[str, float], list[str]]:
-    """What :mod:`apil_core.studies.theory.diagnostics` reads from the log: lines, facts, notes; KL in bits."""
+    """What :mod:`.theory.diagnostics` reads from the log: lines, facts, notes; KL in bits."""
     from apil_core.studies.theory.diagnostics import diagnose
 
     try:

@@ -15,7 +15,7 @@ class CurveLine(BaseModel):
     """Learning curve of one method in one game and setting.
 
     Attributes:
-        lines: by name as in :mod:`apil_core.studies.curves.curves`: ``win``, ``win_or_tie``, ``return``, ``imitator``.
+        lines: by name as in :mod:`.curves.curves`: ``win``, ``win_or_tie``, ``return``, ``imitator``.
         band: what ``low`` and ``high`` of ``win`` and ``win_or_tie`` are.
         scores: periodic and final evaluations of each seed.
         finished: all its runs are.

@@ -7,7 +7,7 @@ import platform
 from importlib import metadata
 from pathlib import Path
 
-from apil_core.cli.doctor_checks.processor import usable_cpus
+from apil_core.common.machine import usable_cpus
 from apil_core.studies.speed.report import Machine
 
 _PACKAGES = ("apil", "mujoco", "torch", "numpy", "rsl-rl-lib", "pluggy")

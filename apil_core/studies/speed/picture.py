@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import EngFormatter, NullLocator
 
-from apil_core.api.game import Colour
 from apil_core.common import colours
 from apil_core.common.charts import GREY, STYLE
+from apil_core.common.colours import Colour
 from apil_core.common.files import write_atomically
 from apil_core.studies.speed.report import CAPTIONS, Level, SpeedReport, SpeedRow, Spread
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from apil_core.api.config import RunConfig
 from apil_core.api.specs import load
-from apil_core.cli.doctor_checks.processor import usable_cpus
 from apil_core.common.errors import ConfigError, UnknownNameError
+from apil_core.common.machine import usable_cpus
 from apil_core.config.resolve import resolve
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import options_model

@@ -77,7 +77,7 @@ def diagnose(
         run: its directory, finished or not.
         games: that each kept checkpoint plays, at least 2; 0: only the log is read, in milliseconds.
         value_bound: H, if it is known.
-        seed, threads, plugins: of these games, see :func:`apil_core.studies.theory.policy_change.policy_changes`.
+        seed, threads, plugins: of these games, see :func:`.policy_change.policy_changes`.
 
     Raises:
         ConfigError: a number given makes no sense.

@@ -1,4 +1,4 @@
-"""How loose the bounds are: gap over bound on many random perturbations. ``python -m apil_core.studies.theory``."""
+"""How loose the bounds are: gap over bound on many random perturbations."""
 
 from __future__ import annotations
 

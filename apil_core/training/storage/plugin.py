@@ -1,16 +1,16 @@
-"""The core's own recorders, offered through the same door as a third party's."""
+"""Recorders, and adversaries in run directories and exported files; imports neither torch nor mujoco."""
 
 from __future__ import annotations
 
 from apil_core.api.hooks import hookimpl
-from apil_core.api.specs import RecorderSpec
+from apil_core.api.specs import PolicySpec, RecorderSpec
 
 APIL_HOOK_API = 2
 
 
 @hookimpl
 def register_recorders() -> list[RecorderSpec]:
-    """Metrics as JSON lines, as TensorBoard events, and to experiment trackers."""
+    """Offer metrics as JSON lines and as TensorBoard events."""
     return [
         RecorderSpec(
             "jsonl",
@@ -22,16 +22,25 @@ def register_recorders() -> list[RecorderSpec]:
             "apil_core.training.storage.recorders:TensorBoardRecorder",
             "events for TensorBoard",
         ),
-        RecorderSpec(
-            "wandb",
-            "apil_core.runs.trackers.wandb_recorder:WandbRecorder",
-            "a tracked run at Weights & Biases, online or offline (docs/trackers.md)",
-            check="apil_core.runs.trackers.wandb_recorder:check",
+    ]
+
+
+@hookimpl
+def register_policies() -> list[PolicySpec]:
+    """Offer ``run:DIR`` and ``safetensors:FILE``."""
+    return [
+        PolicySpec(
+            "run",
+            "apil_core.training.export.run_policy:load",
+            summary="what a run trained: run:DIR, its newest checkpoint",
+            seat=True,
+            plugins=True,
         ),
-        RecorderSpec(
-            "trackio",
-            "apil_core.runs.trackers.trackio_recorder:TrackioRecorder",
-            "a tracked run in Trackio, local by default (docs/trackers.md)",
-            check="apil_core.runs.trackers.trackio_recorder:check",
+        PolicySpec(
+            "safetensors",
+            "apil_core.training.export.safetensors:load",
+            summary="adversary from `apil export`, or student from `apil distill`: safetensors:FILE",
+            seat=True,
+            plugins=True,
         ),
     ]

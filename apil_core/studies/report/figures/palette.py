@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from apil_core.api.game import Colour
 from apil_core.common import colours
+from apil_core.common.colours import Colour
 
 BASELINE = "baseline"
 """Column and opponent that no method made."""
