@@ -33,8 +33,16 @@ _HOMES = {
         "RecorderSpec",
         "RewardWeights",
     ),
-    "apil_core.api.game": ("NO_WINNER", "Colour", "Game", "GameLayout", "GameStep", "SideLayout", "Window"),
-    "apil_core.api.stopwatch": ("PhysicsStopwatch",),
+    "apil_core.common.colours": ("Colour",),
+    "apil_core.api.game": (
+        "NO_WINNER",
+        "Game",
+        "GameLayout",
+        "GameStep",
+        "PhysicsStopwatch",
+        "SideLayout",
+        "Window",
+    ),
     "apil_core.games.views": ("OpponentInsideEnv", "ParallelGameEnv"),
     "apil_core.common.torch_threads": ("side_by_side",),
     "apil_core.api.types": ("Context", "Decision", "DiagonalGaussian", "Rollout", "StepBatch", "View"),
@@ -53,8 +61,8 @@ _HOMES = {
         "absent",
     ),
     "apil_core.api.profiles": ("ProfiledOptions",),
-    "apil_core.evaluation.score": ("EvaluationResult",),
-    "apil_core.evaluation.evaluator": ("evaluate",),
+    "apil_core.evaluation.results": ("EvaluationResult",),
+    "apil_core.evaluation.score": ("evaluate",),
     "apil_core.runs.runner": ("RunResult", "resume", "run"),
     "apil_core.plugins.registry": ("load_policy", "make_game"),
     "apil_core.policies.conformance": ("Conformance", "check_policy"),
@@ -90,6 +98,7 @@ if TYPE_CHECKING:
     from apil_core.api.game import Game as Game
     from apil_core.api.game import GameLayout as GameLayout
     from apil_core.api.game import GameStep as GameStep
+    from apil_core.api.game import PhysicsStopwatch as PhysicsStopwatch
     from apil_core.api.game import SideLayout as SideLayout
     from apil_core.api.game import Window as Window
     from apil_core.api.hook_api import HOOK_API as HOOK_API
@@ -113,7 +122,6 @@ if TYPE_CHECKING:
     from apil_core.api.specs import PublishedScore as PublishedScore
     from apil_core.api.specs import RecorderSpec as RecorderSpec
     from apil_core.api.specs import RewardWeights as RewardWeights
-    from apil_core.api.stopwatch import PhysicsStopwatch as PhysicsStopwatch
     from apil_core.api.types import Context as Context
     from apil_core.api.types import Decision as Decision
     from apil_core.api.types import DiagonalGaussian as DiagonalGaussian
@@ -128,8 +136,8 @@ if TYPE_CHECKING:
     from apil_core.common.errors import UnknownNameError as UnknownNameError
     from apil_core.common.errors import VictimError as VictimError
     from apil_core.common.torch_threads import side_by_side as side_by_side
-    from apil_core.evaluation.evaluator import evaluate as evaluate
     from apil_core.evaluation.results import EvaluationResult as EvaluationResult
+    from apil_core.evaluation.score import evaluate as evaluate
     from apil_core.games.pettingzoo.options import PettingZooOptions as PettingZooOptions
     from apil_core.games.pettingzoo.plugin import pettingzoo_spec as pettingzoo_spec
     from apil_core.games.views import OpponentInsideEnv as OpponentInsideEnv

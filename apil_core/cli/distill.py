@@ -145,7 +145,7 @@ def distill(
 
 
 def _config(flags: DistillFlags, plugins: PluginRegistry) -> DistillConfig:
-    from apil_core.runs.distillation.settings import settings
+    from apil_core.runs.distillation.config import settings
 
     if flags.env is None or flags.role is None:
         raise ConfigError("say what to distill: --env GAME --role SIDE (or --resume DIR)")

@@ -60,7 +60,7 @@ def evaluate(
 
     The same seed gives the same games at any number of threads.
     """
-    from apil_core.evaluation.evaluator import evaluate as score
+    from apil_core.evaluation.score import evaluate as score
 
     if keep is not None and blind_victim is not None:
         raise ConfigError("--keep: reports have no table of blinded victims; use --json with --blind-victim")

@@ -21,7 +21,7 @@ from apil_core.runs.retraining.config import RetrainConfig
 if TYPE_CHECKING:
     from apil_core.evaluation.results import EvaluationResult
     from apil_core.plugins.discovery import PluginRegistry
-    from apil_core.runs.retraining.result import RetrainResult
+    from apil_core.runs.retraining.scoring import RetrainResult
 
 _WHO = Group("Who is hardened against whom", sort_key=0)
 _HOW = Group("How", sort_key=1)
@@ -108,8 +108,8 @@ def retrain(
         )
 
     from apil_core.plugins.registry import default_plugins
+    from apil_core.runs.retraining.config import settings
     from apil_core.runs.retraining.retrain import retrain as start
-    from apil_core.runs.retraining.settings import settings
 
     config = settings(adversaries, flags.given(), flags.sets)
     if _names_code(flags, default_plugins()):

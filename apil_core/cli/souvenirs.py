@@ -68,9 +68,9 @@ def _attempt(made: Souvenirs, lack: str, make: Callable[[], Made]) -> Made | Non
 
 
 def _own_opponent(run: RunDir, progress: Progress) -> EvaluationResult | None:
-    from apil_core.evaluation.evaluator import evaluate
     from apil_core.evaluation.pairing import as_in_run
     from apil_core.evaluation.results import observers_played
+    from apil_core.evaluation.score import evaluate
     from apil_core.plugins.default_victim import default_baseline
     from apil_core.plugins.discovery import discover
 
@@ -91,7 +91,7 @@ def _own_opponent(run: RunDir, progress: Progress) -> EvaluationResult | None:
 
 
 def _unseen(run: RunDir, progress: Progress) -> EvaluationResult:
-    from apil_core.evaluation.evaluator import evaluate
+    from apil_core.evaluation.score import evaluate
 
     config = run.config()
     return evaluate(

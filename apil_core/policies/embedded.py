@@ -10,7 +10,7 @@ from safetensors import SafetensorError, safe_open
 
 from apil_core.api.specs import PolicyListing
 from apil_core.common.errors import UnknownNameError
-from apil_core.policies.provenance import provenance_of
+from apil_core.policies.student import provenance_of
 
 if TYPE_CHECKING:
     from apil_core.policies.student import StudentPolicy

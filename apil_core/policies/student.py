@@ -17,7 +17,6 @@ from safetensors.torch import save
 from apil_core.api.policy import PolicyInfo
 from apil_core.common.errors import VictimError
 from apil_core.common.files import write_atomically
-from apil_core.policies.provenance import provenance_of
 from apil_core.policies.student_policy import Kind, StudentPolicy, StudentShape, Weights
 
 FORMAT = "apil-student-1"
@@ -121,3 +120,12 @@ def _verify(weights: Weights, shape: StudentShape, metadata: Mapping[str, str], 
     if metadata.get("weights_sha256") != actual:
         said = metadata.get("weights_sha256", "none")
         raise VictimError(f"{where}: its weights give SHA-256 {actual}, but the file says {said}")
+
+
+def provenance_of(metadata: Mapping[str, str]) -> dict[str, str]:
+    """The JSON object under ``provenance`` in a file's metadata, values as text, or nothing."""
+    try:
+        told = json.loads(metadata.get("provenance", "{}"))
+    except json.JSONDecodeError:
+        return {}
+    return {key: str(value) for key, value in told.items()} if isinstance(told, dict) else {}

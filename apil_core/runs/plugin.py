@@ -33,7 +33,7 @@ def register_policies() -> list[PolicySpec]:
     return [
         PolicySpec(
             scheme="retrained",
-            loader="apil_core.runs.retraining.hardened:load",
+            loader="apil_core.runs.retraining.folder:load",
             summary="victim hardened by `apil retrain`: retrained:DIR",
         ),
     ]

@@ -27,7 +27,7 @@ from apil_core.training.build import build
 from apil_core.training.distributed.join import joined
 from apil_core.training.distributed.world import World
 from apil_core.training.storage import checkpoint
-from apil_core.training.storage.checkpoint_fit import check_same_run, check_same_world, fitting
+from apil_core.training.storage.checkpoint import check_same_run, check_same_world, fitting
 from apil_core.training.storage.metrics_log import iterations_in_rows
 from apil_core.training.storage.recorders import truncate_metrics
 from apil_core.training.storage.run_dir import RunDir, part_of_rank

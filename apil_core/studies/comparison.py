@@ -11,8 +11,8 @@ from pydantic import BaseModel
 from apil_core.common.statistics import Difference, difference
 from apil_core.config.game import stored_game, stored_physics
 from apil_core.evaluation.results import EvaluationResult, Rate, in_words, told
-from apil_core.studies.curves.final_score import final_score
-from apil_core.studies.curves.same_attack import seed_groups
+from apil_core.studies.curves.curves import final_score
+from apil_core.studies.curves.groups import seed_groups
 from apil_core.training.storage.run_dir import RunDir
 
 

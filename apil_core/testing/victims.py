@@ -17,8 +17,8 @@ from apil_core.api.game import Game
 from apil_core.api.policy import Policy
 from apil_core.api.types import View
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.evaluation.evaluator import evaluate
 from apil_core.evaluation.results import EvaluationResult
+from apil_core.evaluation.score import evaluate
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
 from apil_core.policies.conformance import examine

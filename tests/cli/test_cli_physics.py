@@ -11,7 +11,7 @@ import pytest
 from apil_core.config.resolve import load_resolved
 from apil_core.evaluation.video.overlay import Cast, Score, board
 from apil_core.evaluation.video.single_game import Moment
-from apil_core.runs.distillation.settings import settings as settings_of
+from apil_core.runs.distillation.config import settings as settings_of
 from cli.cli_helpers import SMALL, TINY, Apil
 
 ANTS = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,11 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = (
+    *("common", "api", "plugins", "config", "policies", "games", "training"),
+    *("evaluation", "runs", "studies", "testing", "cli"),
+)
+"""Each may import only those before it."""
 PLUGINS = {"apil_adrl": set(), "apil_apl": set(), "apil_apil": {"apil_apl"}, "apil_e_apil": {"apil_apil"}}
 
 
@@ -65,10 +71,26 @@ def test_rsl_rl_and_rich_have_one_home():
         inside = path.relative_to(ROOT / "apil_core")
         for module, _ in imports(path):
             top = module.split(".")[0]
-            home = str(inside) in ("learner.py", "ppo_storage.py")
+            home = str(inside) in ("training/ppo.py", "training/ppo_storage.py")
             assert top != "rsl_rl" or home, f"{path} imports rsl_rl"
             assert top not in ("rich", "cyclopts") or inside.parts[0] == "cli", f"{path} imports {top}"
             assert not module.startswith("apil_core.cli") or inside.parts[0] == "cli", f"{path} imports cli"
+
+
+def test_folders_import_one_way_only():
+    """Lazy and typing imports count, and so do the places that loader strings name."""
+    core = ROOT / "apil_core"
+    assert {path.name for path in core.iterdir() if (path / "__init__.py").exists()} == set(FOLDERS)
+    for path in sources("apil_core"):
+        here = path.relative_to(core).parts[0]
+        if here not in FOLDERS:
+            continue  # the public names
+        named = re.findall(r'"apil_core\.(\w+)[\w.]*:', path.read_text())
+        for module, name in imports(path):
+            package, _, inside = module.partition(".")
+            named += [inside.partition(".")[0] or name] if package == "apil_core" else []
+        for folder in set(named) & set(FOLDERS):
+            assert FOLDERS.index(folder) <= FOLDERS.index(here), f"{path}: {here} may not import {folder}"
 
 
 def test_the_public_api_lists_what_it_has():

@@ -11,8 +11,7 @@ import pytest
 
 from apil_core import RunConfig, RunDirError, resume, run
 from apil_core.evaluation.progress import Progress
-from apil_core.studies.curves.curves import read_curve
-from apil_core.studies.curves.final_score import final_scores
+from apil_core.studies.curves.curves import final_scores, read_curve
 from apil_core.training.storage.metrics_log import RowLog, iterations_per_row, merged
 from apil_core.training.storage.recorders import read_metrics
 from apil_core.training.storage.run_dir import RunDir

@@ -17,7 +17,7 @@ from apil_core import ApilError, ConfigError, RunDirError, resume, run
 from apil_core.config.resolve import dump_yaml
 from apil_core.evaluation.progress import Progress
 from apil_core.runs import runner
-from apil_core.studies.curves.final_score import final_scores
+from apil_core.studies.curves.curves import final_scores
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.run_dir import RunDir
 from core.small_runs import differences, small_config

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from apil_core.studies.comparison import compare
-from apil_core.studies.curves.same_attack import seed_groups
+from apil_core.studies.curves.groups import seed_groups
 from core.paper_runs import row, score, write_run
 
 ROWS = [row(1000, 100, 50)]

@@ -13,9 +13,8 @@ from apil_core.api.config import PPOConfig
 from apil_core.api.types import DiagonalGaussian
 from apil_core.policies.student_policy import StudentShape
 from apil_core.runs.distillation.learner import StudentNetwork
-from apil_core.runs.retraining.critic import Critic, new_critic
 from apil_core.runs.retraining.learner import VictimLearner
-from apil_core.runs.retraining.network import VictimNetwork
+from apil_core.runs.retraining.network import Critic, VictimNetwork, new_critic
 from apil_core.runs.retraining.trainable import trainable
 from retraining.victims import student
 

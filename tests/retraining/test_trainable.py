@@ -11,8 +11,7 @@ from core.small_runs import small_config
 from apil_core import Policy, VictimError, load_policy, run
 from apil_core.policies.student_policy import StudentPolicy
 from apil_core.policies.zoo_import import import_zoo
-from apil_core.runs.retraining.critic import Critic
-from apil_core.runs.retraining.network import VictimNetwork
+from apil_core.runs.retraining.network import Critic, VictimNetwork
 from apil_core.runs.retraining.trainable import trainable
 from retraining.victims import student, views, zoo_agent
 

@@ -13,11 +13,9 @@ from apil_core.common.errors import ConfigError
 from apil_core.evaluation.crossplay.document import CrossPlay
 from apil_core.evaluation.crossplay.file import CrossPlayFile
 from apil_core.evaluation.crossplay.players import Lineup, Names, SharedOptions, check_unchanged, line_up
-from apil_core.evaluation.crossplay_progress import PartOfAll
-from apil_core.evaluation.evaluator import evaluate
-from apil_core.evaluation.progress import Progress
+from apil_core.evaluation.progress import PartOfAll, Progress
 from apil_core.evaluation.results import EvaluationResult
-from apil_core.evaluation.score import MAX_PARALLEL_GAMES
+from apil_core.evaluation.score import MAX_PARALLEL_GAMES, evaluate
 
 
 def crossplay(

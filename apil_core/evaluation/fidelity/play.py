@@ -11,10 +11,10 @@ from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from apil_core.common.errors import UnknownNameError, VictimError
-from apil_core.evaluation.evaluator import evaluate
 from apil_core.evaluation.fidelity.plan import RowPlan
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult
+from apil_core.evaluation.score import evaluate
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import load_policy
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from apil_core.common.errors import RunDirError
+from apil_core.common.errors import RunDirError, VictimError
 from apil_core.common.files import write_atomically
 from apil_core.config.absent import read_stored
 from apil_core.config.kind import is_retraining
@@ -17,6 +17,7 @@ from apil_core.config.layers import file_layer
 from apil_core.config.problems import problems_of, raise_problems
 from apil_core.config.yaml import commented_yaml
 from apil_core.plugins.registry import default_plugins
+from apil_core.policies.student_policy import StudentPolicy
 from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.training.storage.run_dir import DEFAULT_ROOT, RunDir
 
@@ -93,3 +94,30 @@ def _default_path(config: RetrainConfig) -> Path:
         count += 1
         path = base.with_name(f"{base.name}-{count}")
     return path
+
+
+SCHEME = "retrained"
+
+
+def name_of(path: Path) -> str:
+    """Full name of the hardened victim in that directory."""
+    return f"{SCHEME}:{path.expanduser().absolute()}"
+
+
+def load(name: str) -> StudentPolicy:
+    """A fresh policy on the CPU; its file is a student's (:mod:`apil_core.policies.student`).
+
+    Args:
+        name: directory of the retraining.
+
+    Raises:
+        VictimError: there is no retraining, it has no victim yet, or the file is damaged.
+    """
+    from apil_core.policies.student import load_file
+
+    path = Path(name).expanduser()
+    directory = RetrainDir(path)
+    if not directory.victim_path.is_file():
+        why = "has no victim yet: it comes with the first checkpoint" if is_retraining(path) else "is none"
+        raise VictimError(f"{SCHEME}:{name}: {SCHEME}:DIR is the directory of a retraining, and {path} {why}")
+    return load_file(directory.victim_path, name_of(path))

@@ -22,8 +22,7 @@ from apil_core.api.config import PPOConfig
 from apil_core.api.types import DiagonalGaussian
 from apil_core.common.errors import ApilError
 from apil_core.runs.distillation.learner import Memory
-from apil_core.runs.retraining.critic import Critic
-from apil_core.runs.retraining.network import VictimNetwork
+from apil_core.runs.retraining.network import Critic, VictimNetwork
 from apil_core.runs.retraining.rollout import Piece, VictimRollout
 from apil_core.training.returns import gae, normalize_advantages
 

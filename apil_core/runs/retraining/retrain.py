@@ -17,10 +17,10 @@ from apil_core.plugins.registry import default_plugins
 from apil_core.runs.retraining.build import prepare
 from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.runs.retraining.folder import RetrainDir
-from apil_core.runs.retraining.result import RetrainResult
+from apil_core.runs.retraining.scoring import RetrainResult
 from apil_core.runs.retraining.session import RetrainCourse
 from apil_core.training.storage import checkpoint
-from apil_core.training.storage.checkpoint_fit import check_same_settings, fitting
+from apil_core.training.storage.checkpoint import check_same_settings, fitting
 from apil_core.training.storage.metrics_log import iterations_in_rows
 from apil_core.training.storage.recorders import truncate_metrics
 
@@ -42,7 +42,7 @@ def retrain(
     """Harden a victim as ``config`` says, checkpointing on the way, and score it at the end.
 
     Args:
-        config: as :func:`apil_core.runs.retraining.settings.settings` gives it.
+        config: as :func:`apil_core.runs.retraining.config.settings` gives it.
         out: directory; default ``runs/<env>/retrain/<opponents>/<time>-s<seed>``.
         progress: told how it goes.
         command: stored for people who ask where a victim came from.

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-import torch
+from pathlib import Path
+from typing import Literal
 
-from apil_core.evaluation.evaluator import evaluate
+import torch
+from pydantic import BaseModel
+
 from apil_core.evaluation.progress import Progress
-from apil_core.evaluation.results import EvaluationResult
+from apil_core.evaluation.results import EvaluationResult, PolicyId
+from apil_core.evaluation.score import evaluate
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.runs.retraining.config import RetrainConfig
 
@@ -46,3 +50,29 @@ def score_each(
                 victim_seat=config.victim_side,
             )
     return found
+
+
+class RetrainResult(BaseModel):
+    """How a retraining ended.
+
+    Attributes:
+        directory: where everything is.
+        victim: as it was.
+        hardened: as it is now.
+        opponents: by label: each adversary's method, and ``baseline``.
+        shares: of play, by label.
+        before, after: scores of each opponent on its own against the victim as it was and as it is now, by
+            label. As everywhere ``wins`` are the adversary's: the victim's are its ``losses``.
+    """
+
+    directory: Path
+    status: Literal["finished", "interrupted", "failed"]
+    env: str
+    steps: int
+    wall_seconds: float
+    victim: PolicyId
+    hardened: PolicyId
+    opponents: dict[str, PolicyId]
+    shares: dict[str, float]
+    before: dict[str, EvaluationResult] = {}
+    after: dict[str, EvaluationResult] = {}

@@ -15,10 +15,8 @@ from apil_core.evaluation.results import EvaluationResult, PolicyId
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.policies.student import load_file, save_file
 from apil_core.runs.retraining.build import Setting, shares
-from apil_core.runs.retraining.folder import RetrainDir
-from apil_core.runs.retraining.hardened import name_of
-from apil_core.runs.retraining.result import RetrainResult
-from apil_core.runs.retraining.scoring import score_each
+from apil_core.runs.retraining.folder import RetrainDir, name_of
+from apil_core.runs.retraining.scoring import RetrainResult, score_each
 from apil_core.runs.stop_signal import Stopped, StopWish
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.metrics_log import RowLog, open_recorders

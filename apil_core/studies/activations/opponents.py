@@ -17,9 +17,8 @@ from apil_core.evaluation.crossplay.players import (
     line_up,
     run_config,
 )
-from apil_core.evaluation.crossplay_progress import PartOfAll
 from apil_core.evaluation.pairing import load_pairing
-from apil_core.evaluation.progress import Progress
+from apil_core.evaluation.progress import PartOfAll, Progress
 from apil_core.plugins.discovery import discover
 from apil_core.plugins.registry import default_plugins
 from apil_core.studies.activations.recording import Recorded, check_told, record

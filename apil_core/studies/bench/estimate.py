@@ -151,7 +151,7 @@ def _scoring(
 
 
 def _seconds_per_game(cell: Cell, score: ScoreConfig, benchmark: Benchmark, threads: int) -> float:
-    from apil_core.evaluation.evaluator import evaluate
+    from apil_core.evaluation.score import evaluate
 
     config = cell.config
     begin = time.perf_counter()

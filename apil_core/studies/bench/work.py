@@ -162,8 +162,8 @@ class _Worker:
         config: RunConfig | None = None,
     ) -> None:
         """Play and keep scores; ``config`` says what a named policy plays."""
-        from apil_core.evaluation.evaluator import evaluate
         from apil_core.evaluation.pairing import PairingOptions, as_in_run
+        from apil_core.evaluation.score import evaluate
 
         for name, wanted in scores.items():
             options: PairingOptions = {} if config is None else as_in_run(config, self.benchmark.plugins)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel
@@ -12,7 +13,6 @@ from pydantic import BaseModel
 from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.config.game import stored_physics
 from apil_core.evaluation.results import EvaluationResult, Rate
-from apil_core.studies.curves.final_score import final_scores
 from apil_core.training.episode_stats import WINDOW
 from apil_core.training.storage.recorders import read_metrics
 from apil_core.training.storage.run_dir import RunDir
@@ -197,3 +197,30 @@ def _periodic(row: dict[str, float]) -> ScorePoint:
 
     games = int(row["evaluation/episodes"])
     return ScorePoint(steps=int(row["steps"]), episodes=games, win=rate("win"), win_or_tie=rate("win_or_tie"))
+
+
+def final_score(run: RunDir) -> EvaluationResult | None:
+    """The score the run ended with, or ``None`` if it has not ended, or ended without one.
+
+    Raises:
+        RunDirError: what is stored is no score.
+    """
+    return _score(run.result_path, run.summary()["evaluation"])
+
+
+def final_scores(run: RunDir) -> list[EvaluationResult]:
+    """As :func:`final_score`, with those of earlier ends first if the run was extended.
+
+    Raises:
+        RunDirError: a file with a result is damaged.
+    """
+    results = run.results()
+    scores = (_score(path, result.get("evaluation")) for path, result in results.items())
+    return sorted((s for s in scores if s is not None), key=lambda score: score.trained_steps or 0)
+
+
+def _score(path: Path, evaluation: Any) -> EvaluationResult | None:
+    try:
+        return EvaluationResult.model_validate(evaluation) if evaluation else None
+    except ValueError as error:
+        raise RunDirError(f"{path} is damaged: {' '.join(str(error).split())}") from error

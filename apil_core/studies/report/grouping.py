@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from apil_core.config.resolve import differences
 from apil_core.evaluation.results import EvaluationResult
-from apil_core.studies.curves.same_attack import seed_groups
+from apil_core.studies.curves.groups import seed_groups
 from apil_core.studies.report.settings import Key, conditions, key_of
 from apil_core.studies.report.sources import Run
 

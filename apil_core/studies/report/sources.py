@@ -16,7 +16,7 @@ from apil_core.studies.bench.cells import Benchmark, resolve_matrix
 from apil_core.studies.bench.folder import BenchDir, CellDir, read_score
 from apil_core.studies.bench.jobs import Job, make_jobs
 from apil_core.studies.bench.matrix import PLAIN, Matrix
-from apil_core.studies.curves.final_score import final_score
+from apil_core.studies.curves.curves import final_score
 from apil_core.training.storage.run_dir import RunDir
 
 

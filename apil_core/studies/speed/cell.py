@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 
-from apil_core.api.stopwatch import PhysicsStopwatch
+from apil_core.api.game import PhysicsStopwatch
 from apil_core.common.machine import resident_mb
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.plugins.discovery import PluginRegistry

@@ -20,7 +20,7 @@ from apil_core.policies.seats import victim_side
 from apil_core.training.adversary import AdversaryPolicy
 from apil_core.training.build import adversary_policy
 from apil_core.training.storage import checkpoint
-from apil_core.training.storage.checkpoint_fit import check_same_policy, fitting
+from apil_core.training.storage.checkpoint import check_same_policy, fitting
 from apil_core.training.storage.run_dir import RunDir
 
 SCHEME = "run:"

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
+from apil_core.api.config import RunConfig
 from apil_core.common.errors import RunDirError
 from apil_core.common.files import write_atomically
+from apil_core.config.absent import with_absent
+from apil_core.config.resolve import flatten
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.training.distributed.world import World
 
 FORMAT = 1
 """Version of the checkpoint layout; older code refuses newer files."""
@@ -59,3 +65,106 @@ def read(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
             f"{path} has checkpoint format {state['format']}, this version reads up to {FORMAT}: upgrade apil"
         )
     return state
+
+
+MAY_CHANGE = (
+    *("steps", "threads", "device", "recorders", "checkpoint", "evaluation", "plugins", "init_from"),
+    *("log_rows", "trust", "victim_sha256"),  # the latter is compared with the weights themselves
+)
+"""Sections of a config that a run may change when it goes on."""
+
+POLICY_KEYS = ("method", "env", "ppo", "options", "victim_side")
+"""Sections that decide what the adversary's networks look like and read."""
+
+
+def check_same_run(state: dict[str, Any], config: RunConfig, plugins: PluginRegistry, path: Path) -> None:
+    """Compare the configuration stored in a checkpoint with the run's.
+
+    Args:
+        state: the checkpoint.
+        config: the run's.
+        plugins: know what keys mean that the checkpoint's lacks.
+        path: of the checkpoint, for the message.
+
+    Raises:
+        RunDirError: they differ; names the keys.
+    """
+    ours = config.model_dump(mode="json")
+    check_same_settings(ours, _stored(state, plugins), set(ours) - set(MAY_CHANGE), path)
+
+
+def check_same_policy(state: dict[str, Any], config: RunConfig, plugins: PluginRegistry, path: Path) -> None:
+    """Compare what decides about the adversary's networks; observers need not be those of the training.
+
+    Raises:
+        RunDirError: it differs; names the keys.
+    """
+    methods = state.get("methods", {})
+
+    def of_methods(settings: Mapping[str, Any]) -> dict[str, Any]:
+        options = settings["options"]
+        if isinstance(options, Mapping):
+            options = {name: section for name, section in options.items() if name in methods}
+        return {**settings, "options": options}
+
+    ours, theirs = config.model_dump(mode="json"), _stored(state, plugins)
+    check_same_settings(of_methods(ours), of_methods(theirs), POLICY_KEYS, path)
+
+
+def _stored(state: dict[str, Any], plugins: PluginRegistry) -> dict[str, Any]:
+    """The settings in a checkpoint, complete; not checked, as they are only compared."""
+    stored = state.get("config")
+    return with_absent(stored if isinstance(stored, Mapping) else {}, plugins)
+
+
+def check_same_settings(
+    ours: Mapping[str, Any], theirs: Mapping[str, Any], keys: Iterable[str], path: Path
+) -> None:
+    """Compare settings here with those stored in a checkpoint.
+
+    Args:
+        ours, theirs: as JSON has them.
+        keys: top-level sections to compare.
+        path: of the checkpoint, for the message.
+
+    Raises:
+        RunDirError: they differ; names the keys.
+    """
+    wanted = set(keys)
+    here = flatten({key: value for key, value in ours.items() if key in wanted})
+    there = flatten({key: value for key, value in theirs.items() if key in wanted})
+    different = [
+        f"{key} ({there.get(key)!r} there, {here.get(key)!r} here)"
+        for key in sorted(here.keys() | there.keys())
+        if here.get(key) != there.get(key)
+    ]
+    if different:
+        raise RunDirError(f"{path} is of another run or configuration: {', '.join(different[:4])}")
+
+
+def check_same_world(state: dict[str, Any], world: World, path: Path) -> None:
+    """Each process goes on with its own games, so there must be as many as before.
+
+    Raises:
+        RunDirError: there are not.
+    """
+    before = World(size=state.get("processes", 1))  # older ones lack the key
+    if before.size != world.size:
+        raise RunDirError(
+            f"{path} is of a run of {before.size} process{'es' * (before.size > 1)}, here are {world.size}; "
+            f"continue it with: {before.command} resume DIR"
+        )
+
+
+@contextmanager
+def fitting(path: Path) -> Iterator[None]:
+    """Turn what torch and plugins raise on foreign state into one line about ``path``.
+
+    Raises:
+        RunDirError: the state does not fit.
+    """
+    try:
+        yield
+    except (KeyError, ValueError, RuntimeError, TypeError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise RunDirError(f"{path} does not fit this run: {type(error).__name__}: {reason}") from error
