@@ -108,8 +108,8 @@ def retrain(
         )
 
     from apil_core.plugins.registry import default_plugins
-    from apil_core.runs.retraining.config import settings
     from apil_core.runs.retraining.retrain import retrain as start
+    from apil_core.runs.retraining.settings import settings
 
     config = settings(adversaries, flags.given(), flags.sets)
     if _names_code(flags, default_plugins()):

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import BaseModel
 
 from apil_core.api.config import ActionMode, BlindMode, RunConfig
-from apil_core.api.policy import PolicyInfo
-from apil_core.config.observers import Observers
+
+if TYPE_CHECKING:
+    from apil_core.api.policy import PolicyInfo
+    from apil_core.config.observers import Observers
 
 
 class PolicyId(BaseModel):

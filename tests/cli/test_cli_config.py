@@ -66,7 +66,7 @@ def test_methods_games_and_plugins_are_listed(apil: Apil) -> None:
     assert "coin" in games
     plugins = {row["name"]: row for row in json.loads(apil("plugins", "--plugin", COIN, "--json").out)}
     assert plugins["coin_game"]["games"] == ["coin"]
-    assert plugins["recorders"]["hooks"] == ["register_recorders"]
+    assert plugins["runs"]["hooks"] == ["register_policies", "register_recorders"]
     assert "coin" in apil("games", "--plugin", COIN).out
     assert "the larger sum wins" in apil("games", "--plugin", COIN).out
     assert "e_apil" in apil("methods").out

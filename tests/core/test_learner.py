@@ -14,6 +14,7 @@ from tensordict import TensorDict
 from apil_core.api.types import PRIVILEGED_GROUP, DiagonalGaussian
 from apil_core.evaluation.progress import Progress
 from apil_core.plugins.registry import default_plugins
+from apil_core.runs.score import score_in_training
 from apil_core.training.attack_env import AttackEnv
 from apil_core.training.build import build
 from apil_core.training.ppo import Actor, Learner
@@ -274,7 +275,7 @@ def test_critics_can_be_given_what_the_victim_sees_and_the_time_left(tmp_path):
     weight = attack.learner.ppo.critic.mlp[0].weight
     assert weight.grad[:, width:].abs().max() > 0
     # evaluation needs nothing of it, and a restored trainer goes on to the bit
-    trainer.evaluate(4, Progress())
+    score_in_training(trainer, 4, Progress())
     checkpoint.save(tmp_path / "middle.pt", trainer.state_dict())
     again = Trainer(build(config, plugins), plugins)
     ends = []

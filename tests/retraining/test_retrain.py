@@ -15,10 +15,11 @@ from core.small_runs import differences, small_config
 
 from apil_core import ConfigError, RunDirError, VictimError, evaluate, load_policy, resume, run
 from apil_core.evaluation.progress import Progress
-from apil_core.runs.retraining.config import RetrainConfig, settings
+from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.runs.retraining.folder import RetrainDir
 from apil_core.runs.retraining.retrain import resume as go_on
 from apil_core.runs.retraining.retrain import retrain
+from apil_core.runs.retraining.settings import settings
 from apil_core.runs.trackers.tracked import TrackedRun
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.recorders import read_metrics

@@ -42,7 +42,7 @@ def retrain(
     """Harden a victim as ``config`` says, checkpointing on the way, and score it at the end.
 
     Args:
-        config: as :func:`apil_core.runs.retraining.config.settings` gives it.
+        config: as :func:`apil_core.runs.retraining.settings.settings` gives it.
         out: directory; default ``runs/<env>/retrain/<opponents>/<time>-s<seed>``.
         progress: told how it goes.
         command: stored for people who ask where a victim came from.

@@ -26,8 +26,8 @@ _TRIES = 60
 
 def harden(ledger: Ledger, cell: Cell, threads: int, progress: Progress) -> bool:
     """Retrain the cell's victim against its adversary and the game's baseline; false if it was stopped."""
-    from apil_core.runs.retraining.config import settings
     from apil_core.runs.retraining.retrain import resume, retrain
+    from apil_core.runs.retraining.settings import settings
     from apil_core.studies.bench.still_valid import check_same_retraining
 
     stage, directory = ledger.benchmark.matrix.retraining, ledger.bench.retrained_dir(cell.name)

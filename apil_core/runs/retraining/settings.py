@@ -1,0 +1,147 @@
+"""Settings of a retraining: what the runs say, flags over it, ``--set`` texts over both."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from apil_core.api.config import RunConfig
+from apil_core.common.errors import ConfigError
+from apil_core.config.game import game_model, profile_problems, settled
+from apil_core.config.layers import Layer, flag_layer, merge, set_layer
+from apil_core.config.problems import problems_of, raise_problems
+from apil_core.plugins.default_victim import default_victim
+from apil_core.plugins.discovery import PluginRegistry, discover
+from apil_core.plugins.registry import default_plugins
+from apil_core.policies.seats import victim_name, victim_side
+from apil_core.runs.retraining.config import RetrainConfig
+from apil_core.runs.retraining.tally import MIXED
+from apil_core.training.export.run_policy import SCHEME, Source, run_path
+
+BASELINE = "baseline"
+"""Label of the adversary that the victim already knows."""
+
+
+def settings(
+    adversaries: Sequence[Path | str],
+    flags: Mapping[str, Any] | None = None,
+    sets: Sequence[str] = (),
+    plugins: PluginRegistry | None = None,
+) -> RetrainConfig:
+    """The complete settings of a retraining.
+
+    Game, its physics, victim, PPO and number of games are the first run's unless told otherwise.
+
+    Args:
+        adversaries: run directories, ``run:DIR`` or checkpoints of runs, or (besides one of these, or
+            with ``env`` and ``victim`` among the flags) names of policies.
+        flags: values by setting; ``game.physics`` for the profile.
+        sets: ``KEY=VALUE`` texts.
+        plugins: know games and methods; default: the installed ones, and what the runs name.
+
+    Raises:
+        ApilError: no such run, or one line per mistake.
+    """
+    sources = {str(name): _source(name) for name in adversaries}
+    if len(sources) < len(adversaries):
+        raise ConfigError("an adversary is named twice")
+    runs = {name: source.run_dir.config() for name, source in sources.items() if source is not None}
+    files = tuple(dict.fromkeys(file for run in runs.values() for file in run.plugins))
+    plugins = plugins or (discover(files) if files else default_plugins())
+    flags = {key: value for key, value in (flags or {}).items() if value is not None}
+    base = {
+        **_from_runs(runs, plugins, victim_given="victim" in flags),
+        "adversaries": [
+            str(name) if source is None else f"{SCHEME}{source.path}" for name, source in sources.items()
+        ],
+        "labels": _labels(sources, runs),
+        "plugins": files,
+    }
+    return _checked(base, [flag_layer(flags), *map(set_layer, sets)], plugins)
+
+
+def _source(name: Path | str) -> Source | None:
+    path = run_path(name)
+    if path is None and str(name).endswith(".pt"):
+        path = Path(name)
+    if path is None and ":" not in str(name):
+        raise ConfigError(f"{name} is neither a run directory nor a policy name like zoo:GAME/ROLE/v1")
+    return None if path is None else Source.find(path)
+
+
+def _from_runs(
+    runs: Mapping[str, RunConfig], plugins: PluginRegistry, *, victim_given: bool
+) -> dict[str, Any]:
+    """What the first run has settled.
+
+    Raises:
+        ConfigError: the runs are of different games, or attacked different victims.
+    """
+    if not runs:
+        return {}
+    (first, config), *others = runs.items()
+    victims = {name: victim_name(run, plugins) for name, run in runs.items()}
+    for name, run in others:
+        if run.env != config.env:
+            raise ConfigError(f"{name} was trained on {run.env}, {first} on {config.env}: one game at a time")
+        if victims[name] != victims[first] and not victim_given:
+            raise ConfigError(
+                f"{first} attacked {victims[first]}, and {name} {victims[name]}: "
+                "say with --victim which one to harden"
+            )
+    found: dict[str, Any] = {key: getattr(config, key) for key in ("env", "num_envs")}
+    if not victim_given:  # the one that was attacked, and no other of its name
+        found["victim_sha256"] = config.victim_sha256
+    # a minibatch of a recurrent victim is some of the games
+    ppo = config.ppo.model_copy(update={"minibatches": min(config.ppo.minibatches, config.num_envs)})
+    return {
+        **found,
+        "victim": victims[first],
+        "victim_side": victim_side(config, plugins),
+        "game": config.game,
+        "ppo": ppo.model_dump(mode="json"),
+    }
+
+
+def _labels(sources: Mapping[str, Source | None], runs: Mapping[str, RunConfig]) -> list[str]:
+    """A run's method, another policy's name or its file's; numbered where they repeat."""
+    plain = [runs[name].method if name in runs else _short(name) for name in sources]
+    counts = Counter((BASELINE, MIXED))
+    labels = []
+    for label in plain:
+        counts[label] += 1
+        labels.append(label if counts[label] == 1 else f"{label}-{counts[label]}")
+    return [*labels, BASELINE]
+
+
+def _short(policy: str) -> str:
+    """Names of metrics are made of it, so it has no slash."""
+    rest = Path(policy.partition(":")[2])
+    return rest.stem if rest.suffix else policy.replace("/", "-")
+
+
+def _checked(base: dict[str, Any], asked: Sequence[Layer], plugins: PluginRegistry) -> RetrainConfig:
+    env = merge(base, asked)[0].get("env")
+    if env is None:
+        raise ConfigError("say which game the adversaries play: --env GAME")
+    if base.get("env") not in (None, env):
+        raise ConfigError(f"the adversaries were trained on {base['env']}; they cannot play {env}")
+    spec, model = plugins.game(env), game_model(env, plugins)
+    layers = settled([Layer({"game": base.get("game", {})}), *asked], model)
+    own = {"victim": default_victim(spec, plugins), "victim_side": spec.victim_side, **base, "game": {}}
+    data, origins = merge(own, layers)
+    raise_problems(profile_problems(data, model, env), origins)
+    try:
+        data["game"] = model.model_validate(data["game"]).model_dump(mode="json")
+    except ValidationError as error:
+        found = problems_of(error, model)
+        raise_problems([type(each)(("game", *each.key), each.reason) for each in found], origins)
+    try:
+        return RetrainConfig.model_validate(data)
+    except ValidationError as error:
+        raise_problems(problems_of(error, RetrainConfig), origins)
+        raise
