@@ -9,7 +9,7 @@ SOURCES := apil_core envs plugins examples tests benchmarks docs
 # Example plugins as anybody else's: packages of their own, installed beside the core.
 EXAMPLES := $(patsubst %/pyproject.toml,%,$(wildcard examples/*/pyproject.toml))
 
-.PHONY: run test test-slow test-templates check docs check-pythons format clean
+.PHONY: run test test-slow test-templates test-wheel check docs check-pythons format clean
 
 # The environment is rebuilt whenever its inputs change.
 $(VENV)/.ready: pyproject.toml constraints.txt $(EXAMPLES:%=%/pyproject.toml)
@@ -35,6 +35,14 @@ test-slow: $(VENV)/.ready
 # What `apil new` writes, installed into a fresh environment, tested and run there.
 test-templates: $(VENV)/.ready
 	$(BIN)/python -m pytest -m slow tests/scaffold $(FLAGS)
+
+# The built wheel, in an environment that has nothing else: are all files in it, all dependencies named?
+test-wheel: $(VENV)/.ready
+	rm -rf build/wheel
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir build/wheel .
+	$(PYTHON) -m venv build/wheel/env
+	build/wheel/env/bin/python -m pip install --quiet -c constraints.txt build/wheel/*.whl
+	cd build/wheel && env/bin/apil run --method e_apil --env toy-pursuit --steps 20k --set evaluation.episodes=100 --out run
 
 check: $(VENV)/.ready
 	$(BIN)/ruff format --check $(SOURCES)

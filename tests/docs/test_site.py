@@ -54,7 +54,7 @@ def test_links_between_pages_follow_them_to_their_places(gathered: Path) -> None
     assert "](methods/apil.md#options)" in (gathered / "methods.md").read_text()
     assert "](../pettingzoo.md)" in (gathered / "examples" / "simple_push.md").read_text()
     assert "](source/apil_core/api/types.py.md)" in (gathered / "hooks.md").read_text()
-    assert "class StepBatch" in (gathered / "source" / "apil_core" / "types.py.md").read_text()
+    assert "class StepBatch" in (gathered / "source" / "apil_core" / "api" / "types.py.md").read_text()
 
 
 def test_markers_of_tests_are_gone_and_code_is_as_it_was(gathered: Path) -> None:
