@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
+from types import ModuleType
 
 # before torch is imported: two test workers with a thread pool each would fight for two cores
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import pytest
+
+from apil_core import GameSpec, Section
+from apil_core.plugins.discovery import PluginRegistry, discover
+
+
+class MarginConfig(Section):
+    margin: float = 0.5
+    """How much larger a sum must be to win."""
 
 
 @pytest.fixture(scope="session")
@@ -20,3 +30,30 @@ def zoo_dir() -> Path:
         if (candidate / "kick-and-defend").is_dir():
             return candidate
     pytest.skip(f"no zoo weights in {root} (set APIL_ZOO to the folder agent-zoo)")
+
+
+@pytest.fixture(scope="session")
+def found() -> PluginRegistry:
+    """All that is installed."""
+    return discover()
+
+
+@pytest.fixture
+def registry(found: PluginRegistry, monkeypatch: pytest.MonkeyPatch) -> PluginRegistry:
+    """The four real methods, and a made-up game that needs no MuJoCo."""
+    module = ModuleType("made_up_game")
+    module.MarginConfig = MarginConfig  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "made_up_game", module)
+    game = GameSpec(
+        name="kick-and-defend",
+        factory="made_up_game:Game",
+        default_victim="zoo:kick-and-defend/kicker/v1",
+        config="made_up_game:MarginConfig",
+    )
+    ours = {name: found.methods[name] for name in ("adrl", "apil", "apl", "e_apil")}
+    return PluginRegistry(
+        records=found.records,
+        methods=ours,
+        games={game.name: game},
+        recorders={name: found.recorders[name] for name in ("jsonl", "tensorboard")},
+    )

@@ -6,8 +6,8 @@ import json
 import sys
 
 import pytest
-from core.small_runs import small_config
 from docs.pages import ROOT
+from helpers.small_runs import small_config
 
 from apil_core import run
 from apil_core.config.resolve import resolve

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 
 import pytest
-from core.small_runs import small_config
 from docs.pages import ROOT
+from helpers.small_runs import small_config
 from ruamel.yaml import YAML
 
 from apil_core import run

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from victims.foreign_files import Gaussian, Recurrent, save
+from policies.foreign_files import Gaussian, Recurrent, save
 
 from cli.cli_helpers import Apil
 

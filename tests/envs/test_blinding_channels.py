@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from core.spy import Spy, play_spied
+from evaluation.spy import Spy, play_spied
 
 from apil_core import Game, View
 from apil_core.evaluation.play import Blinding

@@ -1,13 +1,13 @@
 """What ``apil_core.Game`` promises, for every game of this package.
 
-They are those that ``check_game`` holds third parties' games to; the views' are in core/test_views.py.
+They are those that ``check_game`` holds third parties' games to; the views' are in games/test_views.py.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from core.every_game import GAME_NAMES, short_game
+from helpers.every_game import GAME_NAMES, short_game
 
 from apil_core import NO_WINNER, Game
 from apil_core.plugins.registry import default_plugins

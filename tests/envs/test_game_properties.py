@@ -7,7 +7,7 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
-from core.every_game import GAME_NAMES, short_game
+from helpers.every_game import GAME_NAMES, short_game
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

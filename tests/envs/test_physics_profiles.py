@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from core.every_game import GAME_NAMES
+from helpers.every_game import GAME_NAMES
 from pydantic import ValidationError
 
 from apil_core import make_game

@@ -6,7 +6,7 @@ import importlib
 
 import numpy as np
 import pytest
-from core.every_game import GAME_NAMES, short_game
+from helpers.every_game import GAME_NAMES, short_game
 
 from apil_core import ApilError, Game
 from apil_envs import gl

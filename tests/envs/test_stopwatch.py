@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from core.every_game import GAME_NAMES, short_game
+from helpers.every_game import GAME_NAMES, short_game
 
 from apil_core import Game
 from apil_envs.game_base import MujocoGame

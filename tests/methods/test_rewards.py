@@ -6,7 +6,7 @@ import math
 
 import pytest
 import torch
-from core.small_runs import small_config
+from helpers.small_runs import small_config
 
 from apil_apil.discriminator import imitation_loss, reward_log_d, reward_neg_log_1md
 from apil_core import RunConfig

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from core.paper_runs import VICTIM, row
-from core.small_runs import small_config
+from helpers.small_runs import small_config
+from studies.paper_runs import VICTIM, row
 
 from apil_core.config.resolve import complete
 from apil_core.plugins.registry import default_plugins

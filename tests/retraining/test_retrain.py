@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import torch
-from core.small_runs import differences, small_config
+from helpers.small_runs import differences, small_config
 
 from apil_core import ConfigError, RunDirError, VictimError, evaluate, load_policy, resume, run
 from apil_core.evaluation.progress import Progress

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from core.small_runs import small_config
+from helpers.small_runs import small_config
 
 from apil_core import Policy, VictimError, load_policy, run
 from apil_core.policies.student_policy import StudentPolicy

@@ -117,7 +117,7 @@ def test_a_spec_that_is_not_sound(spec: MethodSpec, text: str) -> None:
 
 def test_hookspecs_without_any() -> None:
     with pytest.raises(ContractError, match="has no function marked with apil_core.hookspec") as caught:
-        check_method(method("Crashes", hookspecs="core.small_runs"))
+        check_method(method("Crashes", hookspecs="helpers.small_runs"))
     assert caught.value.address == "hooks.md#hooks-of-your-own"
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from core.paper_runs import row, write_run
-from core.small_runs import small_config
+from helpers.small_runs import small_config
+from studies.paper_runs import row, write_run
 
 import apil_core
 from apil_core import ConfigError, RunDirError
