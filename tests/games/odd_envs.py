@@ -1,4 +1,4 @@
-"""Small PettingZoo environments, each odd in its own way; named as ``pettingzoo:core.odd_envs:…``."""
+"""Small PettingZoo environments, each odd in its own way; named as ``pettingzoo:games.odd_envs:…``."""
 
 from __future__ import annotations
 

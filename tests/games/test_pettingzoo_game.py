@@ -27,8 +27,8 @@ from apil_core.testing.game_play import Play, Trial, same
 from apil_core.testing.game_promises import PROMISES
 from games.odd_envs import Race, Scripted
 
-RACE = "pettingzoo:core.odd_envs:Race"
-SCRIPTED = "pettingzoo:core.odd_envs:Scripted"
+RACE = "pettingzoo:games.odd_envs:Race"
+SCRIPTED = "pettingzoo:games.odd_envs:Scripted"
 PUSH = "pettingzoo:mpe2.simple_push_v3:parallel_env"
 
 
@@ -228,13 +228,13 @@ def test_time_up_without_a_word_is_a_tie() -> None:
         ("pettingzoo:mpe2", {}, "expected pettingzoo:MODULE:CALLABLE"),
         ("pettingzoo::Race", {}, "expected pettingzoo:MODULE:CALLABLE"),
         ("pettingzoo:no_such_module:env", {}, "ModuleNotFoundError: No module named 'no_such_module'"),
-        ("pettingzoo:core.odd_envs:Rave", {}, "has no attribute 'Rave'"),
-        ("pettingzoo:core.odd_envs:UNIT", {}, "UNIT is not callable"),
-        ("pettingzoo:core.odd_envs:broken_maker", {}, "cannot be made: OSError: no licence file"),
+        ("pettingzoo:games.odd_envs:Rave", {}, "has no attribute 'Rave'"),
+        ("pettingzoo:games.odd_envs:UNIT", {}, "UNIT is not callable"),
+        ("pettingzoo:games.odd_envs:broken_maker", {}, "cannot be made: OSError: no licence file"),
         ("pettingzoo:sys:exit", {}, "cannot be made: SystemExit"),
-        ("pettingzoo:core.odd_envs:no_env", {}, "expected a PettingZoo ParallelEnv, got dict"),
+        ("pettingzoo:games.odd_envs:no_env", {}, "expected a PettingZoo ParallelEnv, got dict"),
         ("pettingzoo:mpe2.simple_push_v3:env", {}, "played in turns; name its parallel_env"),
-        ("pettingzoo:core.odd_envs:Careless", {}, "one seed gives different games"),
+        ("pettingzoo:games.odd_envs:Careless", {}, "one seed gives different games"),
         (RACE, {"lenght": 3}, "cannot be made: TypeError: .*'lenght'"),
         (SCRIPTED, {"agents": ["a", "b", "c"]}, "two agents, this one 3: a, b, c"),
         (SCRIPTED, {"actions": "multi"}, "agent 'a': actions must be a Box or Discrete"),

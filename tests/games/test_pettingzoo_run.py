@@ -26,7 +26,7 @@ from apil_core.training.storage.run_dir import RunDir
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "examples" / "simple_push" / "simple_push.py"
 PUSH = "pettingzoo:mpe2.simple_push_v3:parallel_env"
-RACE = {"env": "pettingzoo:core.odd_envs:Race", "victim": "baseline:random/5x2", "num_envs": 6}
+RACE = {"env": "pettingzoo:games.odd_envs:Race", "victim": "baseline:random/5x2", "num_envs": 6}
 FAILING = {"plan": {40: {"raise": "kaputt"}}}
 
 
@@ -111,7 +111,7 @@ def test_the_other_side_can_be_attacked(tmp_path: Path) -> None:
 
 def test_an_exception_in_a_worker_keeps_the_checkpoint(tmp_path: Path) -> None:
     config = short(
-        env="pettingzoo:core.odd_envs:Scripted",
+        env="pettingzoo:games.odd_envs:Scripted",
         victim="baseline:zero/2x2",
         game={"kwargs": FAILING},
         checkpoint={"every_iterations": 1},
