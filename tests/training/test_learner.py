@@ -297,14 +297,14 @@ def test_rollouts_double_where_they_are_told_to_and_a_resumed_run_does_the_same(
     config = small_config("e_apil", num_envs=4, ppo=longer, options=two)
     trainer = Trainer(build(config, plugins), plugins)
     played, states = [], []
-    for i in range(5):
+    for i in range(6):
         trainer.iterate()
         played.append(trainer.steps)
         checkpoint.save(tmp_path / f"{i}.pt", trainer.state_dict())
         states.append(checkpoint.read(tmp_path / f"{i}.pt"))
-    assert played == [32, 64, 128, 192, 320]  # the third begins at 64 steps: 2 × 8 × 4
+    assert played == [32, 64, 128, 192, 320, 448]  # the third begins at 64 steps: 2 × 8 × 4
     assert trainer.attack.learner.ppo.num_mini_batches == 8
-    for i in (1, 2, 3):  # from where it doubles, from between, and to where it doubles again
+    for i in range(5):  # from every boundary, the doublings among them
         again = Trainer(build(config, plugins), plugins)
         again.load_state_dict(states[i])
         again.iterate()

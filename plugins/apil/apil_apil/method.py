@@ -305,7 +305,7 @@ class Apil(Method):
 
 def times_longer(run: Run, rollout: Rollout) -> int:
     """How many times as long as the run's first rollouts this one is (``ppo.doubles_at``)."""
-    return max(len(rollout.done) // run.config.ppo.num_steps, 1)
+    return len(rollout.done) // run.config.ppo.num_steps
 
 
 def _flaw(weight: float, reward: object, done: Tensor) -> str:
