@@ -63,8 +63,6 @@ class PPOConfig(Section):
 
     num_steps: Annotated[int, Field(gt=0)] = 128
     """Steps per game in one rollout; the batch is num_envs × num_steps (paper: 8 × 2048)."""
-    doubles_at: tuple[Annotated[int, Field(gt=0)], ...] = ()
-    """Environment steps at which rollouts become twice as long, with twice as many minibatches."""
     epochs: Annotated[int, Field(gt=0)] = 4
     """Passes over each rollout."""
     minibatches: Annotated[int, Field(gt=0)] = 4
@@ -107,10 +105,6 @@ class PPOConfig(Section):
     """coloured: β of the power spectrum 1/f^β."""
     observation_clip: Annotated[float, Field(gt=0)] = 10.0
     """Clip of the normalised observation."""
-
-    def times_longer(self, steps: int) -> int:
-        """How many times ``num_steps`` a rollout has that begins after ``steps`` environment steps."""
-        return 1 << sum(steps >= at for at in self.doubles_at)
 
 
 class StopConfig(Section):

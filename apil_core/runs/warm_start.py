@@ -152,7 +152,7 @@ class _Cloning:
         # every fourth game is the teacher's, so that the states it reaches are seen; the first rollout all
         clones = (row % 4 != 3 if self.blocks else torch.zeros_like(row, dtype=torch.bool)).unsqueeze(1)
         observations, labels = [], []
-        for _ in range(env.buffer.num_steps):
+        for _ in range(self.trainer.config.ppo.num_steps):
             inputs, pending = env.get_observations(), env.pending
             view = View(pending.own, pending.opponent, pending.first, opponent_action=pending.victim.action)
             answer = self.teacher.act(view, sample=False).distribution

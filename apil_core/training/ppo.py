@@ -163,14 +163,6 @@ class Learner:
         self.critics: dict[str, StreamCritic] = {}
         self.noise = make_noise(config, len(example), action_size, horizon, device)
 
-    def stretch(self, times: int) -> None:
-        """Store rollouts ``times`` as long as configured from now on, with as many more minibatches."""
-        old, config = self.storage, self.config
-        example = self._example.expand(old.num_envs)
-        action_size = old.actions.shape[-1]
-        self.storage = PPOStorage(example, config.num_steps * times, action_size, self.device)
-        self.ppo.storage, self.ppo.num_mini_batches = self.storage, config.minibatches * times
-
     def start_equal(self) -> None:
         """Give all processes the first one's networks."""
         if self.world.size == 1:
@@ -269,7 +261,7 @@ class Learner:
             )
         metrics["ppo/learning_rate"] = learning_rate
         for name, critic in self.critics.items():
-            metrics[f"ppo/value_{name}"] = critic.update(observations, learning_rate, ppo.num_mini_batches)
+            metrics[f"ppo/value_{name}"] = critic.update(observations, learning_rate)
         return metrics
 
     def state_dict(self) -> dict[str, Any]:
@@ -328,7 +320,7 @@ class StreamCritic:
         self._targets = (result + values).flatten().clone()
         return result
 
-    def update(self, observations: TensorDict, learning_rate: float, minibatches: int) -> float:
+    def update(self, observations: TensorDict, learning_rate: float) -> float:
         """Mean-squared-error epochs over the rollout's observations (T·n,); returns the mean loss."""
         for group in self.optimizer.param_groups:
             group["lr"] = learning_rate
@@ -337,7 +329,7 @@ class StreamCritic:
         losses: list[Tensor] = []
         count = self._targets.numel()
         for _ in range(self.config.epochs):
-            for rows in torch.randperm(count).chunk(minibatches):
+            for rows in torch.randperm(count).chunk(self.config.minibatches):
                 loss = (self.model(observations[rows])[:, 0] - self._targets[rows]).square().mean()
                 self.optimizer.zero_grad()
                 loss.backward()

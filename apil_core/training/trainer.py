@@ -23,7 +23,6 @@ from apil_core.training.distributed.merging import merged
 from apil_core.training.distributed.replicas import Replicas
 from apil_core.training.plugin_state import load_known_states, load_states, states_of
 from apil_core.training.ppo import MAIN_STREAM
-from apil_core.training.rollout_buffer import RolloutBuffer
 from apil_core.training.side_games import SideGames
 
 
@@ -77,7 +76,6 @@ class Trainer:
         """
         begin = time.perf_counter()
         self._begun_at = self.steps
-        self._stretch()
         with self.attack.hooks.attribution():
             self._collect()
             collected = time.perf_counter()
@@ -106,19 +104,11 @@ class Trainer:
         self.attack.learner.start_equal()
         self._replicas.start_equal()
 
-    def _stretch(self) -> None:
-        """Make rollouts longer where that is due; it follows from the steps, so resumed runs do the same."""
-        ppo, env = self.config.ppo, self.attack.env
-        times = ppo.times_longer(self._begun_at)
-        if env.buffer.num_steps != ppo.num_steps * times:
-            env.buffer = RolloutBuffer(ppo.num_steps * times)
-            self.attack.learner.stretch(times)
-
     def _collect(self) -> None:
         env, learner = self.attack.env, self.attack.learner
         with torch.inference_mode():
             observations = env.get_observations()
-            for _ in range(env.buffer.num_steps):
+            for _ in range(self.config.ppo.num_steps):
                 actions = learner.act(observations)
                 observations, reward, done, _ = env.step(actions)
                 learner.record(reward, done)

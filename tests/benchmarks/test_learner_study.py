@@ -27,11 +27,9 @@ def study(monkeypatch):
 def test_what_the_variants_change_is_the_preset():
     plugins = default_plugins()
     stated = YAML(typ="safe").load((FOLDER / "variants.yaml").read_text())["efficient"]
-    preset = flatten(
-        resolve(presets=["efficient"], flags={"method": "adrl"}, plugins=plugins).model_dump(mode="json")
-    )
+    preset = flatten(resolve(presets=["efficient"], flags={"method": "adrl"}, plugins=plugins).model_dump())
     assert {key: preset[key] for key in stated} == stated
-    plain = flatten(resolve(flags={"method": "adrl"}, plugins=plugins).model_dump(mode="json"))
+    plain = flatten(resolve(flags={"method": "adrl"}, plugins=plugins).model_dump())
     changed = {
         key for key in preset if preset[key] != plain[key] and key.startswith(("ppo.", "reward.", "num"))
     }

@@ -26,7 +26,6 @@ ADDED = {
     "evaluation.stop_when.win_rate_above": None,
     "evaluation.stop_when.no_gain_in": None,
     "reward.anneal_budget": None,
-    "ppo.doubles_at": [],
     "ppo.action_unit": "game",
     "ppo.critic_observes": "own",
     "ppo.clip_value": True,

@@ -13,7 +13,6 @@ from helpers.small_runs import differences, small_config
 from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
 
-from apil_core.api.config import PPOConfig
 from apil_core.api.types import PRIVILEGED_GROUP, DiagonalGaussian
 from apil_core.evaluation.progress import Progress
 from apil_core.plugins.registry import default_plugins
@@ -286,29 +285,3 @@ def test_critics_can_be_given_what_the_victim_sees_and_the_time_left(tmp_path):
         checkpoint.save(tmp_path / "end.pt", each.state_dict())
         ends.append(checkpoint.read(tmp_path / "end.pt"))
     assert differences(*ends) == []
-
-
-def test_rollouts_double_where_they_are_told_to_and_a_resumed_run_does_the_same(tmp_path):
-    ppo = PPOConfig(doubles_at=(100, 200))
-    assert [ppo.times_longer(steps) for steps in (0, 99, 100, 200)] == [1, 1, 2, 4]
-    plugins = default_plugins()
-    longer = {"num_steps": 8, "epochs": 2, "minibatches": 2, "doubles_at": [64, 192]}
-    two = {"apl": {"advantage_difference": True}}
-    config = small_config("e_apil", num_envs=4, ppo=longer, options=two)
-    trainer = Trainer(build(config, plugins), plugins)
-    played, states = [], []
-    for i in range(6):
-        trainer.iterate()
-        played.append(trainer.steps)
-        checkpoint.save(tmp_path / f"{i}.pt", trainer.state_dict())
-        states.append(checkpoint.read(tmp_path / f"{i}.pt"))
-    assert played == [32, 64, 128, 192, 320, 448]  # the third begins at 64 steps: 2 × 8 × 4
-    assert trainer.attack.learner.ppo.num_mini_batches == 8
-    for i in range(5):  # from every boundary, the doublings among them
-        again = Trainer(build(config, plugins), plugins)
-        again.load_state_dict(states[i])
-        again.iterate()
-        checkpoint.save(tmp_path / "again.pt", again.state_dict())
-        torch.testing.assert_close(
-            checkpoint.read(tmp_path / "again.pt")["learner"], states[i + 1]["learner"], rtol=0, atol=0
-        )

@@ -97,9 +97,7 @@ def _from_runs(
     if not victim_given:  # the one that was attacked, and no other of its name
         found["victim_sha256"] = config.victim_sha256
     # a minibatch of a recurrent victim is some of the games
-    ppo = config.ppo.model_copy(
-        update={"minibatches": min(config.ppo.minibatches, config.num_envs), "doubles_at": ()}
-    )
+    ppo = config.ppo.model_copy(update={"minibatches": min(config.ppo.minibatches, config.num_envs)})
     return {
         **found,
         "victim": victims[first],

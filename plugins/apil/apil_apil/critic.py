@@ -50,9 +50,9 @@ class Critic(nn.Module):
         self._targets = (advantages + values).flatten()
         return advantages
 
-    def batches(self, count: int, times: int, generator: torch.Generator) -> list[Tensor]:
-        """Rows of its passes over ``count`` states, in ``times`` as many minibatches, for :meth:`fit`."""
-        return batches(count, self.config.value_epochs, self.config.minibatches * times, generator)
+    def batches(self, count: int, generator: torch.Generator) -> list[Tensor]:
+        """Rows of its passes over ``count`` states, for :meth:`fit`."""
+        return batches(count, self.config.value_epochs, self.config.minibatches, generator)
 
     def fit(self, states: Tensor, parts: list[Tensor]) -> float:
         """Least squares on the targets of the last :meth:`advantages`; returns the mean loss.

@@ -35,7 +35,6 @@ class Experience:
         rewards: of D, (T, n); ``None``: D does not pay.
         streams: further rewards, discounted: name → (weight, (T, n)).
         likelihood_weight: of the victim's mean log-likelihood in the objective.
-        times_longer: than the first rollouts, with as many more minibatches (``ppo.doubles_at``).
     """
 
     states: Tensor
@@ -47,7 +46,6 @@ class Experience:
     rewards: Tensor | None
     streams: Mapping[str, tuple[float, Tensor]] = field(default_factory=dict)
     likelihood_weight: float = 0.0
-    times_longer: int = 1
 
 
 class Imitator(nn.Module):
@@ -100,21 +98,21 @@ class Imitator(nn.Module):
         if advantages is not None:
             advantages = advantages.flatten()
         states = experience.states.flatten(0, 1)
-        times, config = experience.times_longer, self.config
-        passes = config.epochs, config.minibatches * times
-        update, passes = (self._trpo, (1, 1)) if config.update == "trpo" else (self._ppo, passes)
+        update, passes = (self._trpo, (1, 1)) if self.config.update == "trpo" else (self._ppo, self._passes)
         parts = batches(len(states), *passes, generator)
         critics = {f"value_loss_{name}": self.stream_critics[name] for name in experience.streams}
         if experience.rewards is not None:
             critics = {"value_loss": self.critic, **critics}
-        fits = {
-            name: (critic, critic.batches(len(states), times, generator)) for name, critic in critics.items()
-        }
+        fits = {name: (critic, critic.batches(len(states), generator)) for name, critic in critics.items()}
         moved, losses = side_by_side(
             lambda: update(experience, advantages, parts),
             lambda: {name: critic.fit(states, rows) for name, (critic, rows) in fits.items()},
         )
         return {f"imitator_{name}": value for name, value in {**moved, **losses}.items()}
+
+    @property
+    def _passes(self) -> tuple[int, int]:
+        return self.config.epochs, self.config.minibatches
 
     def advantages(self, experience: Experience) -> Tensor | None:
         """What the policy gradient weighs log π̃(ã) with, (T, n); ``None`` if nothing pays for ã.

@@ -175,7 +175,6 @@ class Apil(Method):
             paid,
             streams,
             self._likelihood_weight(run.steps),
-            times_longer(run, victim.rollout),
         )
         if experience.likelihood_weight:
             metrics["likelihood_weight"] = experience.likelihood_weight
@@ -196,9 +195,7 @@ class Apil(Method):
         real = victim.scored.flatten(0, 1), victim.actions.flatten(0, 1)
         states = real[0] if shared else own.scored.flatten(0, 1)
         fake = states, own.actions.flatten(0, 1)
-        metrics["discriminator_loss"] = self.discriminator.fit(
-            real, fake, self._passes(times_longer(run, victim.rollout)), run.generator
-        )
+        metrics["discriminator_loss"] = self.discriminator.fit(real, fake, self._passes(), run.generator)
         (logits,) = before or self._logits(own.scored, own.actions)
         return metrics, logits
 
@@ -240,10 +237,10 @@ class Apil(Method):
         falling = config.likelihood_weight * 0.5 ** (steps / config.likelihood_half_life)
         return max(falling, config.likelihood_floor)
 
-    def _passes(self, times: int) -> tuple[int, int]:
-        """Epochs of D, and ``times`` its minibatches."""
+    def _passes(self) -> tuple[int, int]:
+        """Epochs and minibatches of D."""
         own, ppo = self.options.discriminator, self.setup.ppo
-        return own.epochs or ppo.epochs, (own.minibatches or ppo.minibatches) * times
+        return own.epochs or ppo.epochs, own.minibatches or ppo.minibatches
 
     @hookimpl
     def imitation_reward(self, logits: Tensor) -> Tensor:
@@ -258,7 +255,7 @@ class Apil(Method):
         """
         if self.options.rollouts == "own":
             # its first row was decided before the imitator's last update
-            played = run.collect(ImitatorPolicy(self), len(victim.rollout.done)).after(1)
+            played = run.collect(ImitatorPolicy(self), run.config.ppo.num_steps).after(1)
             states = self.normalizer(self._state(played.victim_observation, played.observation))
             return Games(played, states, self._scored(states, played), played.victim_action)
         if fresh or self.options.prediction_actions == "mode":
@@ -301,11 +298,6 @@ class Apil(Method):
         self.discriminator.optimizer.load_state_dict(state["discriminator_optimizer"])
         self.normalizer.load_state_dict(state["normalizer"])
         self.action_scale.load_state_dict(state["action_scale"])
-
-
-def times_longer(run: Run, rollout: Rollout) -> int:
-    """How many times as long as the run's first rollouts this one is (``ppo.doubles_at``)."""
-    return len(rollout.done) // run.config.ppo.num_steps
 
 
 def _flaw(weight: float, reward: object, done: Tensor) -> str:
