@@ -33,16 +33,17 @@ def apil(*words: str | Path) -> None:
 
 
 def leaves(value: Any, name: str = "") -> Iterator[tuple[str, bytes]]:
-    """Every tensor and number in nested dictionaries and lists, by its path; times are left out."""
+    """Every tensor and number in nested dictionaries and lists, by its path; no settings, no times."""
     if isinstance(value, torch.Tensor):
         yield name, value.detach().cpu().contiguous().numpy().tobytes()
     elif isinstance(value, Mapping):
         for key, inner in sorted(value.items(), key=lambda item: str(item[0])):
-            yield from () if "seconds" in str(key) else leaves(inner, f"{name}/{key}")
+            if key != "config" and "seconds" not in str(key):
+                yield from leaves(inner, f"{name}/{key}")
     elif isinstance(value, list | tuple):
         for index, inner in enumerate(value):
             yield from leaves(inner, f"{name}/{index}")
-    else:
+    elif not isinstance(value, str):  # they name directories
         yield name, repr(value).encode()
 
 
