@@ -122,7 +122,7 @@ def told(file: Path) -> list[dict[str, Any]]:
 
 
 def test_the_victims_view_changes_in_training_and_evaluation_and_the_adversarys_does_not(tmp_path: Path):
-    witnesses = [tmp_path / "before.py", tmp_path / "after.py"]
+    witnesses = [tmp_path / "unmasked.py", tmp_path / "masked.py"]
     for file in witnesses:
         file.write_text(WITNESS)
     config = tiny_config(
@@ -130,14 +130,14 @@ def test_the_victims_view_changes_in_training_and_evaluation_and_the_adversarys_
         num_envs=8,
         ppo={"num_steps": 8, "epochs": 1, "minibatches": 2},
         plugins=tuple(str(file) for file in witnesses),
-        observers=("before", "masked_observation", "after"),
+        observers=("unmasked", "masked_observation", "masked"),
     )
     tiny_run(config, tmp_path / "run")
     score = evaluate(tmp_path / "run", episodes=5)
     assert score.observers == {
-        "before": {},
+        "unmasked": {},
         "masked_observation": {"way": "zeros", "share": 0.5},
-        "after": {},
+        "masked": {},
     }
     pairs = list(zip(*(told(file) for file in witnesses), strict=True))
     assert {(before["mode"], before["role"]) for before, _ in pairs} == {
