@@ -15,14 +15,15 @@ from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
 
 if TYPE_CHECKING:
+    from apil_core.evaluation.crossplay.document import CrossPlay
     from apil_core.evaluation.crossplay.players import SharedOptions
 from typing import TYPE_CHECKING
 
 from apil_core.cli.output import console, table
 from apil_core.cli.readout import percent, physics
 
-if TYPE_CHECKING:
-    from apil_core.evaluation.crossplay.document import CrossPlay
+_UP, _LEFT = "≈↑", "≈←"
+
 
 _WHO = Group("Who plays", sort_key=0)
 WHERE = Group("In which game; the same one for all", sort_key=1)
@@ -146,9 +147,6 @@ def crossplay(
         print_json({**document.model_dump(mode="json"), "comparisons": compared})
     else:
         print_crossplay(document, out, picture)
-
-
-_UP, _LEFT = "≈↑", "≈←"
 
 
 def print_crossplay(document: CrossPlay, out: Path | None = None, picture: Path | None = None) -> None:

@@ -18,9 +18,6 @@ from typing import TYPE_CHECKING, Self
 from apil_core.evaluation.progress import Progress
 from apil_core.training.distributed.world import World
 
-if TYPE_CHECKING:
-    from apil_core.api.config import RunConfig
-
 SECONDS_BETWEEN_LINES = 10.0
 
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+Colour = tuple[int, int, int]
+"""Red, green and blue, 0–255."""
+
+
 VICTIM: Colour = (38, 88, 204)
 ADVERSARY: Colour = (205, 45, 42)
 NEUTRAL: Colour = (96, 102, 112)
@@ -27,7 +31,3 @@ def light(colour: Colour) -> Colour:
     """A light shade of it, legible on a dark ground."""
     red, green, blue = ((channel + 2 * 255) // 3 for channel in colour)
     return red, green, blue
-
-
-Colour = tuple[int, int, int]
-"""Red, green and blue, 0–255."""

@@ -1,4 +1,4 @@
-"""How much memory the process holds."""
+"""What the process has of the machine: memory and CPUs."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydantic import ValidationError, create_model
 
@@ -13,10 +13,6 @@ from apil_core.common.errors import ConfigError, UnknownNameError
 from apil_core.config.layers import Key, Layer, merge, set_layer
 from apil_core.config.problems import problems_of, raise_problems
 from apil_core.plugins.discovery import PluginRegistry
-
-if TYPE_CHECKING:
-    pass
-
 
 Observers = Mapping[str, Mapping[str, Any]]
 """Names of observers, each with options that differ from its defaults."""

@@ -31,6 +31,8 @@ from apil_core.training.build import check_device, observing_alone
 from apil_core.training.export.run_policy import SCHEME, Source, run_path
 from apil_core.training.observation_filter import ObservationFilter
 
+_PACKAGES = ("apil", "mujoco", "torch", "numpy")
+
 
 @dataclass
 class Pairing:
@@ -272,9 +274,6 @@ def _adjust(
         config.evaluation.adversary_actions = adversary_actions
     if victim_actions is not None:
         config.evaluation.victim_actions = victim_actions
-
-
-_PACKAGES = ("apil", "mujoco", "torch", "numpy")
 
 
 def circumstances(pairing: Pairing, seed: int) -> dict[str, Any]:

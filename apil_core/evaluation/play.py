@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -14,9 +13,6 @@ from apil_core.api.game import Game
 from apil_core.api.policy import Policy
 from apil_core.api.types import View
 from apil_core.training.observation_filter import ObservationFilter
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from apil_core.api.policy import PolicyInfo
     from apil_core.config.observers import Observers
 
+_Score = TypeVar("_Score", bound="Circumstances")
+
 
 class PolicyId(BaseModel):
     """Who played."""
@@ -91,9 +93,6 @@ def wilson(count: int, total: int) -> Rate:
     low, high = proportion_confint(count, total, alpha=0.05, method="wilson")
     # rounding leaves 4e-18 where the interval starts at nought
     return Rate(value=count / total, low=max(float(low), 0.0) if count else 0.0, high=min(float(high), 1.0))
-
-
-_Score = TypeVar("_Score", bound="Circumstances")
 
 
 def told(score: _Score, config: RunConfig) -> _Score:

@@ -1,4 +1,4 @@
-"""What a distillation depends on: pure data."""
+"""What a distillation depends on: pure data, and how flags and ``--set`` make it."""
 
 from __future__ import annotations
 

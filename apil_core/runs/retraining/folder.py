@@ -21,6 +21,8 @@ from apil_core.policies.student_policy import StudentPolicy
 from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.training.storage.run_dir import DEFAULT_ROOT, RunDir
 
+SCHEME = "retrained"
+
 
 class RetrainDir:
     """Paths and files of one retraining.
@@ -94,9 +96,6 @@ def _default_path(config: RetrainConfig) -> Path:
         count += 1
         path = base.with_name(f"{base.name}-{count}")
     return path
-
-
-SCHEME = "retrained"
 
 
 def name_of(path: Path) -> str:

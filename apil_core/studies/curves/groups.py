@@ -14,6 +14,12 @@ from apil_core.config.game import stored_game
 from apil_core.studies.curves.curves import Curve, Line, read_curve
 from apil_core.training.storage.run_dir import RunDir
 
+_FREE: Any = {
+    **dict.fromkeys(("seed", "threads", "device", "checkpoint", "recorders", "log_rows", "trust"), True),
+    "evaluation": {"episodes", "every_steps", "periodic_episodes"},
+}
+"""Settings in which runs of one attack may differ."""
+
 
 class CurveGroup(BaseModel):
     """One run, or several that differ in the seed only.
@@ -85,13 +91,6 @@ def _mean(lines: Sequence[Line], curves: Sequence[Curve]) -> Line:
     values = np.stack([np.interp(steps, line.steps, line.value) for line in lines])
     mean, sd = values.mean(0), values.std(0, ddof=1)
     return Line(steps=steps, value=mean.tolist(), low=(mean - sd).tolist(), high=(mean + sd).tolist())
-
-
-_FREE: Any = {
-    **dict.fromkeys(("seed", "threads", "device", "checkpoint", "recorders", "log_rows", "trust"), True),
-    "evaluation": {"episodes", "every_steps", "periodic_episodes"},
-}
-"""Settings in which runs of one attack may differ."""
 
 
 def seed_groups(runs: Sequence[RunDir]) -> list[list[int]]:

@@ -18,6 +18,16 @@ from apil_core.config.resolve import flatten
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.training.distributed.world import World
 
+MAY_CHANGE = (
+    *("steps", "threads", "device", "recorders", "checkpoint", "evaluation", "plugins", "init_from"),
+    *("log_rows", "trust", "victim_sha256"),  # the latter is compared with the weights themselves
+)
+"""Sections of a config that a run may change when it goes on."""
+
+POLICY_KEYS = ("method", "env", "ppo", "options", "victim_side")
+"""Sections that decide what the adversary's networks look like and read."""
+
+
 FORMAT = 1
 """Version of the checkpoint layout; older code refuses newer files."""
 
@@ -65,16 +75,6 @@ def read(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
             f"{path} has checkpoint format {state['format']}, this version reads up to {FORMAT}: upgrade apil"
         )
     return state
-
-
-MAY_CHANGE = (
-    *("steps", "threads", "device", "recorders", "checkpoint", "evaluation", "plugins", "init_from"),
-    *("log_rows", "trust", "victim_sha256"),  # the latter is compared with the weights themselves
-)
-"""Sections of a config that a run may change when it goes on."""
-
-POLICY_KEYS = ("method", "env", "ppo", "options", "victim_side")
-"""Sections that decide what the adversary's networks look like and read."""
 
 
 def check_same_run(state: dict[str, Any], config: RunConfig, plugins: PluginRegistry, path: Path) -> None:
