@@ -38,11 +38,7 @@ test-templates: $(VENV)/.ready
 
 # The built wheel, in an environment that has nothing else: are all files in it, all dependencies named?
 test-wheel: $(VENV)/.ready
-	rm -rf build/wheel
-	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir build/wheel .
-	$(PYTHON) -m venv build/wheel/env
-	build/wheel/env/bin/python -m pip install --quiet -c constraints.txt build/wheel/*.whl
-	cd build/wheel && env/bin/apil run --method e_apil --env toy-pursuit --steps 20k --set evaluation.episodes=100 --out run
+	$(BIN)/python -m pytest -m slow tests/wheel $(FLAGS)
 
 check: $(VENV)/.ready
 	$(BIN)/ruff format --check $(SOURCES)

@@ -112,7 +112,6 @@ def crossplay(
     from apil_core.common.files import check_place
     from apil_core.evaluation.crossplay.crossplay import crossplay as play
     from apil_core.evaluation.crossplay.document import comparisons
-    from apil_core.evaluation.crossplay.heat_map import draw_crossplay
     from apil_core.runs.labels import labelled
 
     if picture is not None:
@@ -141,6 +140,8 @@ def crossplay(
             **options,
         )
     if picture is not None:
+        from apil_core.evaluation.crossplay.heat_map import draw_crossplay
+
         draw_crossplay(document, picture)
     if as_json:
         compared = [each.model_dump(mode="json") for each in comparisons(document)]

@@ -10,6 +10,7 @@ import traceback
 from typing import TYPE_CHECKING
 
 from apil_core.common.errors import ApilError, ConfigError
+from apil_core.common.extras import missing
 from apil_core.training.distributed.world import World
 
 if TYPE_CHECKING:
@@ -42,6 +43,9 @@ def guarded(arguments: list[str]) -> int:
     except BrokenPipeError:  # `apil … | head`: the reader has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except ModuleNotFoundError as error:
+        absent = missing(error.name)
+        return complain(str(absent), absent.exit_code) if absent else _report(error)
     except Exception as error:
         return _report(error)
     return result if isinstance(result, int) else 0

@@ -83,9 +83,6 @@ def play(
     The victim is blue and the adversary red, whichever seats they have. A game depends on the seed and its
     number only, whether anybody watches or not.
     """
-    from apil_core.common.extras import need
-
-    need("PIL", "pillow", "pictures")
     from apil_core.evaluation.pairing import load_pairing
     from apil_core.evaluation.video.recording import show
 

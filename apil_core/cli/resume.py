@@ -13,6 +13,7 @@ from apil_core.cli.flags import Json, Quiet, Show, count
 from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
 from apil_core.common.errors import RunDirError
+from apil_core.common.extras import need
 from apil_core.config.kind import is_retraining
 from apil_core.training.distributed.world import World
 
@@ -46,6 +47,8 @@ def resume(
             directory, steps=steps, checkpoint=checkpoint, threads=threads, quiet=quiet, as_json=as_json
         )
 
+    if show:
+        need("matplotlib", "av")
     from apil_core.runs import runner
 
     here = World.here()

@@ -13,6 +13,7 @@ from apil_core.cli.flags import ConfigFlags, Json, Quiet, Show
 from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
 from apil_core.common.errors import RunDirError
+from apil_core.common.extras import need
 from apil_core.common.numbers import number_list
 from apil_core.training.distributed.world import World
 
@@ -56,6 +57,8 @@ def run(
     Ctrl-C writes a checkpoint; "apil resume" goes on from there, bit for bit.
     """
     config, plugins = (flags or ConfigFlags()).resolve()
+    if show:
+        need("matplotlib", "av")
     jobs = _jobs(config, seeds, out)
     here = World.here()
     if here.is_main:

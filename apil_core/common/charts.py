@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from apil_core.common.errors import ConfigError
+from apil_core.common.extras import need
 
 GREY = "#60666f"
 
@@ -30,10 +31,11 @@ FORMATS = (".png", ".svg", ".pdf")
 
 
 def check_picture(path: Path) -> None:
-    """Whether a picture of curves can be written under that name.
+    """Whether a picture of curves can be drawn and written under that name.
 
     Raises:
-        ConfigError: it cannot.
+        ApilError: it cannot, or matplotlib is missing.
     """
+    need("matplotlib")
     if path.suffix.lower() not in FORMATS:
         raise ConfigError(f"{path}: curves are drawn as {', '.join(FORMATS[:-1])} or {FORMATS[-1]} files")

@@ -7,21 +7,34 @@ from types import ModuleType
 
 from apil_core.common.errors import ApilError
 
+_EXTRAS = {
+    "av": ("PyAV", "videos", "video"),
+    "matplotlib": ("matplotlib", "charts", "report"),
+    "onnxruntime": ("onnxruntime", "ONNX policies", "onnx"),
+    "ray": ("ray", "Ray clusters", "ray"),
+    "sklearn": ("scikit-learn", "analyses of activations", "analysis"),
+    "trackio": ("trackio", "records in Trackio", "trackio"),
+    "wandb": ("wandb", "records in Weights & Biases", "wandb"),
+}
+"""By import name: the library, what needs it, and the extra of ours that brings it."""
 
-def need(module: str, package: str, purpose: str, *, extra: str = "") -> ModuleType:
-    """Import a library.
 
-    Args:
-        module: its import name.
-        package: its name for pip.
-        purpose: what needs it.
-        extra: of ours that brings it along, if one does.
+def need(*modules: str) -> ModuleType:
+    """Import libraries that extras bring; returns the last.
 
     Raises:
-        ApilError: it is not installed; says how to install it.
+        ApilError: one is not installed; says which extra brings it.
     """
     try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        install = f"'apil[{extra}]'" if extra else package
-        raise ApilError(f"{purpose} need {package}: pip install {install}") from error
+        return [importlib.import_module(module) for module in modules][-1]
+    except ModuleNotFoundError as error:
+        raise missing(error.name) or error from error
+
+
+def missing(module: str | None) -> ApilError | None:
+    """Which extra brings a module that is not installed; ``None`` if none does."""
+    module = (module or "").partition(".")[0]
+    if module not in _EXTRAS:
+        return None
+    library, purpose, extra = _EXTRAS[module]
+    return ApilError(f"{purpose} need {library}: pip install 'apil[{extra}]'")

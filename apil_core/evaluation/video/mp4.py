@@ -41,7 +41,7 @@ def check_film(path: Path, width: int, height: int) -> None:
     Raises:
         ApilError: PyAV is missing, or path or size will not do.
     """
-    if _codec(need("av", "av", "videos")) is None:
+    if _codec(need("av")) is None:
         raise ApilError("this build of PyAV has no H.264 encoder; its wheels have: pip install av")
     if path.suffix.lower() != ".mp4":
         raise ApilError(f"{path}: videos are .mp4 files")
@@ -65,7 +65,7 @@ class Film:
         self.path = path
         self.rate = rate
         self.frames = 0
-        self._av = need("av", "av", "videos")
+        self._av = need("av")
         self._part = path.with_name(f".{path.name}.part")
         with self._writing():
             self._container = self._av.open(str(self._part), "w", format="mp4")

@@ -32,7 +32,7 @@ def load(name: str, *, seat: SideLayout | None) -> Policy:
         VictimError: there is no such file, it is no ONNX model, or its inputs are not a policy's,
             or it takes weights from outside its folder.
     """
-    runtime = need("onnxruntime", "onnxruntime", "ONNX policies", extra="onnx")
+    runtime = need("onnxruntime")
     origin = _with_weights(Origin.of("onnx", name))
     session = _session(origin, runtime)
     told = session.get_modelmeta().custom_metadata_map

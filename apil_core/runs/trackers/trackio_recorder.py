@@ -13,6 +13,7 @@ from secrets import token_hex
 from typing import Any
 
 from apil_core.common.errors import ApilError
+from apil_core.common.extras import need
 from apil_core.runs.trackers.tracked import PROJECT, TrackedRun, one_line
 
 FINISH_SECONDS = 60.0
@@ -104,5 +105,5 @@ def check() -> None:
     Raises:
         ApilError: trackio is not installed.
     """
-    if find_spec("trackio") is None:
-        raise ApilError("records in Trackio need trackio: pip install 'apil[trackio]'")
+    if find_spec("trackio") is None:  # not imported here: it starts a server
+        need("trackio")

@@ -91,7 +91,7 @@ def check() -> None:
 
 
 def _wandb() -> Any:
-    return need("wandb", "wandb", "records in Weights & Biases", extra="wandb")
+    return need("wandb")
 
 
 def _ours(tracked: TrackedRun, settings: Any) -> dict[str, Any]:

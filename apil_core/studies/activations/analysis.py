@@ -93,7 +93,7 @@ def analyze(
         ApilError: anything wrong with names or sizes, a victim that does not tell its activations, or
             scikit-learn is missing.
     """
-    need("sklearn", "scikit-learn", "analyses of activations")
+    need("sklearn", "matplotlib")
     sampling.check()
     games = min(sampling.games, MAX_PARALLEL_GAMES) if num_envs is None else num_envs
     for name, value, least in (("num_envs", games, 1), ("seed", seed, 0)):

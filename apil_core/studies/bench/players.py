@@ -27,7 +27,7 @@ def with_full_names(benchmark: Benchmark, origin: str) -> Benchmark:
         if plugins.recorders[name].check:
             load(plugins.recorders[name].check)()
     if any(matrix.has("activations", game) for game in benchmark.baselines):
-        need("sklearn", "scikit-learn", "analyses of activations")
+        need("sklearn", "matplotlib")
     victims = {}
     for game in matrix.games:
         cells = {cell.victim: cell for cell in reversed(benchmark.cells_of(game))}

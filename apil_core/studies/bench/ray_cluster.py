@@ -29,7 +29,7 @@ def connect(address: str | None, cpus: int | None) -> Any:
     """
     # nothing is reported to Ray's makers unless the user wants it to; read when it is imported
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    ray = need("ray", "ray", "Ray clusters", extra="ray")
+    ray = need("ray")
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
     try:
         if address is None:

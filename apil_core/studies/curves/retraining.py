@@ -8,6 +8,7 @@ from typing import Any
 
 from apil_core.api.profiles import FAITHFUL
 from apil_core.common.errors import RunDirError
+from apil_core.common.extras import need
 from apil_core.config.game import PHYSICS
 from apil_core.evaluation.results import EvaluationResult, wilson
 from apil_core.runs.retraining.config import RetrainConfig
@@ -64,6 +65,7 @@ def draw_opponents(directory: RetrainDir, path: Path) -> list[CurveGroup]:
     Raises:
         ApilError: there is no curve yet, or the file cannot be written, or not in that format.
     """
+    need("matplotlib")
     from apil_core.studies.curves.picture import draw_curves
 
     groups = read_opponents(directory)

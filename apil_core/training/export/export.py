@@ -98,7 +98,7 @@ def export(
     if out.exists() and not force:
         raise ConfigError(f"{out} exists already; choose another --out, or --force to replace it")
     if format == "onnx":
-        need("onnxruntime", "onnxruntime", "ONNX exports", extra="onnx")  # each is tried in it
+        need("onnxruntime")  # each is tried in it
     config = source.run_dir.config().model_copy(update={"device": "cpu"})
     files = [*config.plugins, *plugin_files]
     plugins = discover(files) if files else default_plugins()
