@@ -28,12 +28,7 @@ _VERBS = (
     ("distill", "distill:distill", _WORK, "Train a compact student of a policy, to ship or to attack."),
     ("runs", "runs:app", _WORK, "List runs, compare their scores, draw their learning curves."),
     ("export", "export:export", _WORK, "Write a trained adversary as ONNX, TorchScript or safetensors."),
-    (
-        "bench",
-        "bench:app",
-        _WORK,
-        "Measure attacks over methods, games and seeds; and how fast everything is.",
-    ),
+    ("bench", "bench:app", _WORK, "Measure attacks over methods, games and seeds."),
     ("new", "new:app", _WORK, "Write a plugin package of one's own: an attack method, a game or a victim."),
     ("config", "config:app", _WORK, "Show, validate, describe and compare configurations."),
     ("victims", "victims:app", _WORK, "List, check, import and download victims."),

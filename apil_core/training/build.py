@@ -128,7 +128,7 @@ def build(
     Args:
         config: the run's.
         plugins: who offers what it names.
-        manager: of the run's hooks; :mod:`apil_core.studies.speed` measures with others.
+        manager: of the run's hooks; ``benchmarks/speed`` times them with its own.
         world: processes that train together: each has games and random streams of its own, equal networks.
 
     Raises:

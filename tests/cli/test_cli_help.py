@@ -39,7 +39,7 @@ print([name for name in ("torch", "mujoco", "statsmodels", "tensordict") if name
         ["export", "--help"],
         ["retrain", "--help"],
         ["victims", "check", "--help"],
-        ["bench", "speed", "--help"],
+        ["bench", "run", "--help"],
         ["new", "victim", "--help"],
         ["config", "diff", "paper", "apil-code"],
         ["config", "show", "--method", "e_apil", "--env", "coin", "--plugin", str(COIN)],
@@ -87,7 +87,7 @@ def test_run_help_shows_every_flag_with_the_codes_defaults(apil: Apil) -> None:
     "verb",
     [
         *("resume", "eval", "play", "fidelity", "runs", "runs compare", "victims import", "config diff"),
-        *("doctor", "bench", "bench speed", "bench run", "bench report"),
+        *("doctor", "bench", "bench run", "bench report"),
         *("retrain", "crossplay", "analyze", "analyze activations"),
         *("new", "new method", "new game", "new victim"),
     ],

@@ -98,12 +98,13 @@ def spans(page: Path) -> list[str]:
     return [match["code"] for match in _SPAN.finditer(prose(page))]
 
 
-def commands(page: Path) -> list[list[str]]:
-    """Words of every ``apil …`` in shell and console blocks and in inline code."""
+def commands(page: Path, program: str = "apil") -> list[list[str]]:
+    """Words of every ``apil …`` in shell and console blocks and in inline code; or of another ``program``."""
     shell = [b.text for b in blocks(page) if b.language in ("sh", "bash", "console")]
     lines = [line.removeprefix("$ ").split(" #")[0] for text in shell for line in text.splitlines()]
     found = [code.split() for code in [*lines, *spans(page)]]
-    return [words[1:] for words in found if words[:1] == ["apil"] and len(words) > 1]
+    name = program.split()
+    return [words[len(name) :] for words in found if words[: len(name)] == name and len(words) > len(name)]
 
 
 def sections(page: Path, level: int = 2) -> dict[str, str]:

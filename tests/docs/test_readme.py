@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -30,6 +33,7 @@ from docs.pages import (
     prose,
     spans,
 )
+from speed.__main__ import main as speed
 
 TOY = ("--env", "toy-pursuit")
 TINY = (
@@ -156,6 +160,13 @@ def help_of(apil: Apil, *chain: str) -> str:
     return HELP[chain]
 
 
+@cache
+def speed_help() -> str:
+    with contextlib.redirect_stdout(io.StringIO()) as text:
+        assert not speed(["--help"])
+    return text.getvalue()
+
+
 @pytest.mark.parametrize("page", pages(), ids=name_of)
 def test_every_command_exists_and_has_the_flags_shown(apil: Apil, page: Path) -> None:
     app = make_app()
@@ -168,6 +179,13 @@ def test_every_command_exists_and_has_the_flags_shown(apil: Apil, page: Path) ->
         assert exists, f"apil {' '.join(words)}: there is no such verb"
         for flag in (word.split("=")[0] for word in rest if word.startswith("--")):
             assert f"{flag} " in help_of(apil, *chain), f"apil {' '.join(words)}: no flag {flag}"
+
+
+@pytest.mark.parametrize("page", pages(), ids=name_of)
+def test_the_speed_benchmark_has_the_flags_shown(page: Path) -> None:
+    for words in commands(page, "python -m benchmarks.speed"):
+        for flag in (word.split("=")[0] for word in words if word.startswith("--")):
+            assert f"{flag} " in speed_help(), f"python -m benchmarks.speed: no flag {flag}"
 
 
 def test_the_readme_names_every_verb(apil: Apil) -> None:
@@ -193,7 +211,6 @@ def test_flags_named_alone_belong_to_some_verb(apil: Apil, page: Path) -> None:
         "distill",
         "export",
         "victims check",
-        "bench speed",
         "bench run",
         "bench report",
         "retrain",
@@ -203,7 +220,7 @@ def test_flags_named_alone_belong_to_some_verb(apil: Apil, page: Path) -> None:
     )
     for span in spans(page):
         if span.startswith("--"):
-            text = "".join(help_of(apil, *verb.split()) for verb in ("", *verbs))
+            text = speed_help() + "".join(help_of(apil, *verb.split()) for verb in ("", *verbs))
             assert f"{span.split()[0].split('=')[0]} " in text, f"{span}: no verb has this flag"
 
 

@@ -1,20 +1,16 @@
-"""What ``apil bench speed`` found, as tables."""
+"""What was measured, as tables."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from apil_core.cli.output import console, table
 
-if TYPE_CHECKING:
-    from apil_core.studies.speed.report import Cell, HookCost, SpeedReport, SpeedRow, Spread
+from .report import CAPTIONS, Cell, HookCost, SpeedReport, SpeedRow, of_setting
 
 
 def print_report(report: SpeedReport, out: Path | None) -> None:
     """Machine, then a table for each setting, then where the files are."""
-    from apil_core.studies.speed.report import of_setting
-
     screen, machine = console(), report.machine
     screen.print(
         f"{machine.cpu}, {machine.usable_cpus} of {machine.cpus} CPUs; "
@@ -51,8 +47,6 @@ def _title(cell: Cell) -> str:
 
 
 def _cells(row: SpeedRow) -> list[str]:
-    from apil_core.studies.speed.report import CAPTIONS
-
     rate, ratio = row.steps_per_second, row.ratio
     return [
         CAPTIONS[row.level],
@@ -64,16 +58,8 @@ def _cells(row: SpeedRow) -> list[str]:
 
 
 def _hooks(cost: HookCost) -> str:
-    text = f"hooks, {cost.method}: {cost.calls} calls an iteration, {_percent(cost.dispatch)} of its time"
-    saved = cost.direct
-    if saved is None:
-        return text
-    interval = f"[{100 * saved.low:+.2f}, {100 * saved.high:+.2f}]"
-    return f"{text}; direct calls save {100 * saved.mean:+.2f} % {interval}"
-
-
-def _percent(share: Spread) -> str:
-    return f"{100 * share.median:.3f} %"
+    share = f"{100 * cost.dispatch.median:.3f} %"
+    return f"hooks, {cost.method}: {cost.calls} calls an iteration, {share} of its time"
 
 
 def _memory(cell: Cell) -> str:

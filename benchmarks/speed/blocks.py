@@ -6,9 +6,9 @@ from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from apil_core.studies.speed.report import LEVELS, HookCost, Interval, Level, Setting, SpeedRow, Spread
+from .report import LEVELS, HookCost, Level, Setting, SpeedRow, Spread
 
-OF_A_METHOD: tuple[Level, ...] = ("collection", "training", "direct")
+OF_A_METHOD: tuple[Level, ...] = ("collection", "training")
 
 Key = tuple[Level, str | None]
 """Level and method; ``None`` for levels without one."""
@@ -35,13 +35,11 @@ class Lap:
         seconds: of the whole iteration.
         dispatch: seconds of it between hook callers and implementations.
         calls: of hooks.
-        direct: seconds of the same iteration with direct calls, if that was measured.
     """
 
     seconds: float
     dispatch: float
     calls: int
-    direct: float | None = None
 
 
 @dataclass
@@ -61,18 +59,20 @@ class Blocks:
     laps: dict[str, list[Lap]] = field(default_factory=lambda: defaultdict(list))
     memory: dict[Key, float] = field(default_factory=dict)
 
-    def add(self, method: str, levels: Mapping[Level, tuple[float, float]], base: float) -> None:
+    def add(self, method: str, levels: Mapping[Level, tuple[float, float]], base: float, lap: Lap) -> None:
         """One more block of each level.
 
         Args:
             method: whose games they were in.
             levels: seconds, and the largest memory meanwhile.
             base: seconds of the base.
+            lap: of the method's training.
         """
         for level, (seconds, memory_mb) in levels.items():
             key = (level, method if level in OF_A_METHOD else None)
             self.blocks[key].append(Block(seconds, base))
             self.memory[key] = max(memory_mb, self.memory.get(key, 0.0))
+        self.laps[method].append(lap)
 
     def rows(self) -> list[SpeedRow]:
         """One for each level and method: the base, and what is to be reported."""
@@ -88,7 +88,6 @@ class Blocks:
                 method=method,
                 calls=round(sum(lap.calls for lap in laps) / len(laps)),
                 dispatch=Spread.of([lap.dispatch / lap.seconds for lap in laps]),
-                direct=Interval.of([1 - lap.direct / lap.seconds for lap in laps if lap.direct is not None]),
             )
             for method, laps in self.laps.items()
         ]

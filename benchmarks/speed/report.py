@@ -7,22 +7,18 @@ from pathlib import Path
 from typing import Literal, Self, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ValidationError
-from statsmodels.stats.weightstats import DescrStatsW
+from pydantic import BaseModel
 
-from apil_core.common.errors import RunDirError
 from apil_core.common.files import write_atomically
 
-Level = Literal["physics", "game", "victim", "collection", "training", "direct"]
-"""What is measured, each but the last on top of the one before:
+Level = Literal["physics", "game", "victim", "collection", "training"]
+"""What is measured, each on top of the one before:
 
 physics: the game's physics calls alone; game: with rules and observations; victim: with the victim's actions;
-collection: with the adversary's actions, hooks and storage; training: with learning, a whole iteration;
-direct: training with hooks replaced by direct calls.
+collection: with the adversary's actions, hooks and storage; training: with learning, a whole iteration.
 """
 
-LEVELS: tuple[Level, ...] = ("physics", "game", "victim", "collection", "training", "direct")
-
+LEVELS: tuple[Level, ...] = ("physics", "game", "victim", "collection", "training")
 
 CAPTIONS: dict[Level, str] = {
     "physics": "physics alone",
@@ -30,7 +26,6 @@ CAPTIONS: dict[Level, str] = {
     "victim": "+ victim",
     "collection": "+ actor, hooks: collection",
     "training": "+ learning: training",
-    "direct": "training, direct calls",
 }
 """Levels in words."""
 
@@ -47,22 +42,6 @@ class Spread(BaseModel):
         """Of at least one value."""
         low, median, high = (float(value) for value in np.percentile(values, [25, 50, 75]))
         return cls(median=median, low=low, high=high)
-
-
-class Interval(BaseModel):
-    """Mean of paired differences with its 95 % interval by Student's t."""
-
-    mean: float
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, values: Sequence[float]) -> Self | None:
-        """``None`` of a single value, which tells nothing about its own noise."""
-        if len(values) < 2:
-            return None
-        low, high = DescrStatsW(values).tconfint_mean()
-        return cls(mean=float(np.mean(values)), low=float(low), high=float(high))
 
 
 class Setting(BaseModel):
@@ -123,13 +102,11 @@ class HookCost(Setting):
         method: of the training.
         calls: hook calls of an iteration.
         dispatch: share of an iteration's time between callers and implementations: pluggy, merging, checks.
-        direct: share of an iteration's time that direct calls save, block by block; ``None``: not measured.
     """
 
     method: str
     calls: int
     dispatch: Spread
-    direct: Interval | None
 
 
 class Cell(Setting):
@@ -170,7 +147,7 @@ class Machine(BaseModel):
 
 
 class SpeedReport(BaseModel):
-    """Everything ``apil bench speed`` found out."""
+    """Everything that was measured."""
 
     version: Literal[1] = 1
     command: list[str]
@@ -189,19 +166,3 @@ class SpeedReport(BaseModel):
         """
         text = self.model_dump_json(indent=2) + "\n"
         write_atomically(path, lambda file: file.write(text.encode()))
-
-    @classmethod
-    def read(cls, path: Path) -> Self:
-        """Read what :meth:`write` wrote.
-
-        Raises:
-            RunDirError: there is no such file, or it is none of this kind.
-        """
-        try:
-            return cls.model_validate_json(path.read_bytes())
-        except OSError as error:
-            raise RunDirError(f"{path}: {error.strerror}") from error
-        except ValidationError as error:
-            raise RunDirError(
-                f"{path} is no report of apil bench speed: {error.errors()[0]['msg']}"
-            ) from error

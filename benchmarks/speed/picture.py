@@ -16,13 +16,14 @@ from apil_core.common import colours
 from apil_core.common.charts import GREY, STYLE
 from apil_core.common.colours import Colour
 from apil_core.common.files import write_atomically
-from apil_core.studies.speed.report import CAPTIONS, Level, SpeedReport, SpeedRow, Spread
+
+from .report import CAPTIONS, Level, SpeedReport, SpeedRow, Spread
 
 _PANEL = (5.4, 3.1)  # inches
 _BAR = 0.3  # inches
 _DASHES = ("-", "--", ":", "-.")
 _MARKERS: dict[Level, str] = {
-    "physics": "o", "game": "s", "victim": "D", "collection": "^", "training": "v", "direct": "x",
+    "physics": "o", "game": "s", "victim": "D", "collection": "^", "training": "v",
 }  # fmt: skip
 _PLAIN: dict[Level, Colour] = {"physics": colours.NEUTRAL, "game": (150, 156, 166), "victim": colours.VICTIM}
 """Colours of what belongs to no method; methods have one colour each."""
@@ -108,7 +109,7 @@ def _lines(axis: Axes, rows: Sequence[SpeedRow], what: str) -> None:
             [spread.median for spread in spreads],
             color=colour,
             linestyle=_DASHES[threads.index(series[2]) % len(_DASHES)],
-            linewidth=1.0 if series[0] == "direct" else 1.6,
+            linewidth=1.6,
             marker=_MARKERS[series[0]],
             markersize=4.5,
             label=_name(series, several_threads=False) if series[2] == threads[0] else None,  # colours say it

@@ -5,17 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Any
+from typing import Annotated, Any
+
+from cyclopts import Group, Parameter
 
 from apil_core.api.config import RunConfig
 from apil_core.api.specs import load
+from apil_core.cli.flags import count
 from apil_core.common.errors import ConfigError, UnknownNameError
 from apil_core.common.machine import usable_cpus
+from apil_core.config.layers import preset_names
 from apil_core.config.resolve import resolve
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import options_model
 from apil_core.policies.seats import victim_name
-from apil_core.studies.speed.report import LEVELS, Level
+
+from .report import LEVELS, Level
 
 ALL = "all"
 """Stands for every game that has a victim."""
@@ -26,35 +31,99 @@ PROFILE = "physics"
 _FOR_EVER = 10**9
 
 
+_WHAT = Group("What to measure: every combination of", sort_key=0)
+_HOW = Group("How", sort_key=1)
+
+
+def _listed(_: Any, tokens: Any) -> tuple[str, ...]:
+    """Words between commas, of one flag or of several."""
+    words = [word.strip() for token in tokens for word in token.value.split(",")]
+    if not all(words):
+        raise ValueError("an empty word between commas")
+    return tuple(words)
+
+
+def _numbers(_: Any, tokens: Any) -> tuple[int, ...]:
+    return tuple(int(word) for word in _listed(_, tokens))
+
+
+def _words(text: str, **options: Any) -> Parameter:
+    return Parameter(
+        help=text, **{"group": _WHAT, "converter": _listed, "negative": (), "show_default": False, **options}
+    )
+
+
+def _number(text: str, **options: Any) -> Parameter:
+    return _words(text, converter=_numbers, metavar="N,…", **options)
+
+
+@Parameter(name="*")
 @dataclass(frozen=True)
 class SpeedRequest:
-    """What to measure; the cells are all combinations.
+    """What to measure; the cells are all combinations. The command's flags are made from it.
 
     Attributes:
-        envs: games, or :data:`ALL`.
+        env: games, or :data:`ALL`.
         methods: of training.
-        presets: settings of the trainings, besides the default ones.
         num_envs: games stepped together; empty: as the settings have it.
         threads: of the physics; 0: all CPUs.
-        levels: which are reported; physics always is, where it can be timed.
         physics: profiles; empty: the games' own.
-        victim: under attack, or ``auto``.
-        batch: environment steps of a block, and PPO's batch; None: the settings' own.
+        levels: which are reported; physics always is, where it can be timed.
+        preset: settings of the trainings, besides the default ones.
+        victim: under attack, or ``auto``; it may run code of the user's.
         seconds: to spend on a cell.
-        trust: the victim may run code of the user's.
+        batch: environment steps of a block, and PPO's batch; None: the settings' own.
     """
 
-    envs: Sequence[str] = ("kick-and-defend",)
-    methods: Sequence[str] = ("adrl", "e_apil")
-    presets: Sequence[str] = ()
-    num_envs: Sequence[int] = ()
-    threads: Sequence[int] = (0,)
-    levels: Sequence[str] = LEVELS
-    physics: Sequence[str] = ()
-    victim: str = "auto"
-    batch: int | None = None
-    seconds: float = 300.0
-    trust: bool = False
+    env: Annotated[
+        tuple[str, ...], _words("Games, or all [default: kick-and-defend].", alias="-e", metavar="GAME,…")
+    ] = ("kick-and-defend",)
+    methods: Annotated[
+        tuple[str, ...],
+        _words("Methods whose training is measured [default: adrl,e_apil].", alias="-m", metavar="NAME,…"),
+    ] = ("adrl", "e_apil")
+    num_envs: Annotated[
+        tuple[int, ...],
+        _number("Games stepped together, e.g. 16,64,128,256,512 [default: as the settings have it]."),
+    ] = ()
+    threads: Annotated[tuple[int, ...], _number("Physics threads; 0: all CPUs [default: 0].")] = (0,)
+    physics: Annotated[
+        tuple[str, ...],
+        _words(
+            "Physics profiles of the games: faithful, fast [default: the games' own].",
+            metavar="PROFILE,…",
+        ),
+    ] = ()
+    levels: Annotated[
+        tuple[str, ...],
+        _words(
+            f"Only these: {', '.join(LEVELS)} [default: all].",
+            group=_HOW,
+            metavar="LEVEL,…",
+        ),
+    ] = LEVELS
+    preset: Annotated[
+        tuple[str, ...],
+        Parameter(
+            help=f"Settings of the trainings: {', '.join(preset_names())}; repeatable.",
+            group=_HOW,
+            negative=(),
+            metavar="NAME",
+            show_default=False,
+        ),
+    ] = ()
+    victim: Annotated[str, Parameter(help="Policy under attack; auto: the game's.", group=_HOW)] = "auto"
+    seconds: Annotated[
+        float, Parameter(help="Time for each setting; at least three rounds are made.", group=_HOW)
+    ] = 300.0
+    batch: Annotated[
+        int | None,
+        Parameter(
+            help="Environment steps of a block, which are PPO's batch [default: as the settings have it].",
+            converter=count,
+            group=_HOW,
+        ),
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -94,7 +163,7 @@ def make_plan(request: SpeedRequest, plugins: PluginRegistry) -> list[CellPlan]:
     methods = dict.fromkeys(request.methods)
     for method in methods:
         plugins.method_chain(method)
-    base = resolve(presets=request.presets, plugins=plugins)
+    base = resolve(presets=request.preset, plugins=plugins)
     batch = request.batch or base.num_envs * base.ppo.num_steps
     sizes = list(product(dict.fromkeys(request.num_envs or [base.num_envs]), dict.fromkeys(request.threads)))
     cells = [
@@ -106,7 +175,7 @@ def make_plan(request: SpeedRequest, plugins: PluginRegistry) -> list[CellPlan]:
             levels,
             request.seconds,
         )
-        for env in dict.fromkeys(_games(request.envs, plugins))
+        for env in dict.fromkeys(_games(request.env, plugins))
         for game in _options(env, request, plugins)
         for size in sizes
     ]
@@ -138,7 +207,7 @@ def _options(env: str, request: SpeedRequest, plugins: PluginRegistry) -> list[d
         return [{}]
     reference = plugins.game(env).config
     if reference is None or PROFILE not in load(reference).model_fields:
-        if ALL in request.envs:
+        if ALL in request.env:
             return [{}]
         raise ConfigError(f"game {env!r} has no physics profiles; leave out --physics")
     profiles = dict.fromkeys(request.physics)
@@ -167,10 +236,10 @@ def _config(
         raise ConfigError(f"--batch {batch} is no multiple of {num_envs} games")
     flags = settings | {
         "victim": request.victim,
-        "trust": request.trust,
+        "trust": True,
         "num_envs": num_envs,
         "threads": threads or usable_cpus(),
         "steps": _FOR_EVER,
         "ppo.num_steps": batch // num_envs,
     }
-    return resolve(presets=request.presets, flags=flags, plugins=plugins)
+    return resolve(presets=request.preset, flags=flags, plugins=plugins)

@@ -14,9 +14,10 @@ import torch
 from apil_core.api.config import RunConfig
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.hook_manager import RunHookManager
-from apil_core.studies.speed.hooks import TimedHooks
 from apil_core.training.build import build
 from apil_core.training.trainer import Trainer
+
+from .hooks import TimedHooks
 
 
 @dataclass
@@ -28,16 +29,18 @@ class Start:
     generator: torch.Tensor
 
 
-class Contestant:
+class TimedTraining:
     """A whole training; torch's global random generator is its own while it has its turn.
 
     Args:
         config: of the run.
         plugins: to build it from.
-        manager: of its hooks.
+        manager: class of its hook manager; :class:`TimedHooks` where hooks are to be timed.
     """
 
-    def __init__(self, config: RunConfig, plugins: PluginRegistry, manager: type[RunHookManager]):
+    def __init__(
+        self, config: RunConfig, plugins: PluginRegistry, manager: type[RunHookManager] = TimedHooks
+    ):
         self._generator = torch.get_rng_state()
         with self._turn():
             self.attack = build(config, plugins, manager)
@@ -52,10 +55,6 @@ class Contestant:
             metrics = self.trainer.iterate()
             return metrics["collect_seconds"], time.perf_counter() - begin
 
-    def whole(self) -> float:
-        """One iteration; returns its seconds."""
-        return self.iterate()[1]
-
     @property
     def timed_hooks(self) -> TimedHooks:
         """Its hook manager, which must be of that kind."""
@@ -69,12 +68,6 @@ class Contestant:
             copy.deepcopy(self.attack.victim.recurrent_state()),
             self.attack.generators["victim"].get_state(),
         )
-
-    def follow(self, other: Contestant) -> None:
-        """Go on from where another one stands, bit for bit."""
-        with self._turn():
-            self.trainer.load_state_dict(copy.deepcopy(other.trainer.state_dict()))
-        self._generator = other._generator
 
     def close(self) -> None:
         """Release the games."""

@@ -12,8 +12,9 @@ from apil_core.api.types import Rollout, View
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
 from apil_core.policies.seats import run_victim
-from apil_core.studies.speed.contestant import Start
 from apil_core.training.build import Attack
+
+from .training import Start
 
 
 class Replay:

@@ -1,1 +1,0 @@
-"""How fast everything is beside the physics alone: ``apil bench speed``; see docs/benchmarking.md."""

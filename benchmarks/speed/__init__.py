@@ -1,0 +1,1 @@
+"""How fast all is beside the physics alone: ``python -m benchmarks.speed``; see docs/benchmarking.md."""
