@@ -1,18 +1,17 @@
-"""The theory's bounds as functions of their ingredients. KL is in bits; derivations: docs/theory.md.
-
-All three assume rewards that depend on the state alone. Which adversary's values H is taken over does not
-matter in :func:`lemma_bound`; in its two finer forms it does.
-"""
+"""The Lemma's bound of a change of the victim's value (docs/theory.md). KL is in bits."""
 
 from __future__ import annotations
 
 import math
 
-from apil_core.studies.theory.policies import PINSKER
+PINSKER = math.sqrt(2 * math.log(2))
+"""√(2 ln 2): Σ_a |p(a) − q(a)| ≤ √(2 ln 2 · KL(p ‖ q)) with KL in bits, for either order of p and q."""
 
 
 def lemma_bound(largest_value: float, largest_kl: float, gamma: float) -> float:
     """Lemma: how far the victim's value Γ can move when the adversary goes from π^α to π̃^α.
+
+    Rewards depend on the state alone.
 
     Args:
         largest_value: H = max_s |V_ν(s)|, under either of the two adversaries.
@@ -25,68 +24,6 @@ def lemma_bound(largest_value: float, largest_kl: float, gamma: float) -> float:
     return gamma * largest_value * PINSKER / (1 - gamma) * math.sqrt(largest_kl)
 
 
-def lemma_bound_of_mean(largest_new_value: float, mean_kl: float, gamma: float) -> float:
-    """The Lemma without its maximum over states: never above :func:`lemma_bound` for the same H.
-
-    Args:
-        largest_new_value: H = max_s |V_ν(s)| under the new adversary.
-        mean_kl: KL(π^α ‖ π̃^α), bits, averaged over the old adversary's discounted visits.
-        gamma: discount.
-    """
-    return lemma_bound(largest_new_value, mean_kl, gamma)
-
-
-def lemma_bound_of_visits(largest_new_value: float, visited_root_kl: float, gamma: float) -> float:
-    """The Lemma before Jensen's inequality: never above :func:`lemma_bound_of_mean`.
-
-    Args:
-        largest_new_value: H = max_s |V_ν(s)| under the new adversary.
-        visited_root_kl: E[Σ_t γ^t √KL(s_t)] of games the old adversary plays, KL(π^α ‖ π̃^α) in bits. After
-            a game's end there is nothing to add, so games shorter than 1 / (1 − γ) gain.
-        gamma: discount.
-    """
-    return gamma * largest_new_value * PINSKER * visited_root_kl
-
-
 def informative_kl(gamma: float) -> float:
     """The KL, bits, from which on the Lemma says no more than 2H, which holds without it."""
     return (2 * (1 - gamma) / (gamma * PINSKER)) ** 2
-
-
-def unfixed_victim_bound(largest_difference: float, epsilon: float, gamma: float) -> float:
-    """Theorem (unfixed victim): |Y(ε) − Y*|, the best V_α − V_ν once the victim has moved by at most ε.
-
-    Args:
-        largest_difference: max_s |Δr(s)|.
-        epsilon: largest KL between the victim that was and the one that is, over states, bits.
-        gamma: discount.
-
-    Returns:
-        γ √(2 ln 2) max|Δr| / (1 − γ)² · √ε.
-    """
-    return lemma_bound(largest_difference / (1 - gamma), epsilon, gamma)
-
-
-def imitation_constant(reward_term: float, low: float, high: float, gamma: float) -> float:
-    """K = γ √(2 ln 2) (reward_term − log D^L − log(1 − D^U)) / (1 − γ)².
-
-    Args:
-        reward_term: β max_s |r^α(s)|. The printed statement has max_s r^ν(s), its proof max_s r^α(s): with
-            either the theorem is false (docs/theory.md).
-        low, high: D^L and D^U.
-        gamma: discount.
-    """
-    return gamma * PINSKER * (reward_term - math.log(low) - math.log(1 - high)) / (1 - gamma) ** 2
-
-
-def other_adversary_bound(constant: float, largest_kl: float) -> float:
-    """Theorem (imitator under another adversary): what it loses against the imitator made for that one.
-
-    Args:
-        constant: K of :func:`imitation_constant`.
-        largest_kl: max_s KL between the two adversaries, bits.
-
-    Returns:
-        2 K √KL.
-    """
-    return 2 * constant * math.sqrt(largest_kl)

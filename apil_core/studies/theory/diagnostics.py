@@ -13,10 +13,8 @@ import numpy as np
 from pydantic import BaseModel
 
 from apil_core.common.errors import ConfigError, RunDirError
-from apil_core.plugins.discovery import PluginRegistry
 from apil_core.studies.curves.curves import Line
 from apil_core.studies.theory.bounds import informative_kl, lemma_bound
-from apil_core.studies.theory.policy_change import PolicyChange, policy_changes
 from apil_core.training.storage.recorders import read_metrics
 from apil_core.training.storage.run_dir import RunDir
 
@@ -34,15 +32,14 @@ class Diagnostics(BaseModel):
         run: its directory.
         steps: of training so far.
         value_bound: H, the largest |V_ν(s)|, in the units of the training reward.
-        value_bound_from: who says so: the caller; games that were played (largest discounted return from any
-            state on); or the log's returns (largest mean return of the games that ended in a row).
+        value_bound_from: the caller, or the log's returns (largest mean return of the games that ended in a
+            row).
         trivial_bound: 2H, which holds without any theorem.
         informative_kl: from this KL on the Lemma says no more than that.
         informative_share: share of rows whose KL is smaller.
         lines: over steps. :data:`KL`: KL(old ‖ new) of the adversary's network over a whole update, mean over
             the rollout's states; :data:`KL_MAX`: the largest of them; :data:`IMITATOR_KL`: as the first, for
             the imitator; :data:`BOUND`: the Lemma with the first in place of the largest over all states.
-        changes: between kept checkpoints, if games were played.
         notes: what every reader must know.
     """
 
@@ -53,39 +50,25 @@ class Diagnostics(BaseModel):
     steps: int
     gamma: float
     value_bound: float
-    value_bound_from: Literal["given", "play", "returns"]
+    value_bound_from: Literal["given", "returns"]
     trivial_bound: float
     informative_kl: float
     informative_share: float
     lines: dict[str, Line]
-    changes: list[PolicyChange]
     notes: list[str]
 
 
-def diagnose(
-    run: RunDir,
-    *,
-    games: int = 0,
-    value_bound: float | None = None,
-    seed: int = 0,
-    threads: int = 0,
-    plugins: PluginRegistry | None = None,
-) -> Diagnostics:
-    """Read a run's log, and let its kept checkpoints play if ``games`` are asked for.
+def diagnose(run: RunDir, *, value_bound: float | None = None) -> Diagnostics:
+    """Read a run's log.
 
     Args:
         run: its directory, finished or not.
-        games: that each kept checkpoint plays, at least 2; 0: only the log is read, in milliseconds.
         value_bound: H, if it is known.
-        seed, threads, plugins: of these games, see :func:`.policy_change.policy_changes`.
 
     Raises:
-        ConfigError: a number given makes no sense.
-        RunDirError: no run there, its log is damaged or has no KL or no ended game, or it keeps too few
-            checkpoints to play.
+        ConfigError: ``value_bound`` is negative or not finite.
+        RunDirError: no run there, or its log is damaged or has no KL or no ended game.
     """
-    if games < 0 or games == 1:
-        raise ConfigError(f"games must be 0 or at least 2, got {games}")
     if value_bound is not None and not 0 <= value_bound < math.inf:
         raise ConfigError(f"value_bound must be a finite number of at least 0, got {value_bound}")
     config = run.config()
@@ -93,8 +76,7 @@ def diagnose(
     lines = {name: line for name, metric in _METRICS.items() if (line := _line(rows, metric)).steps}
     if KL not in lines:
         raise RunDirError(f"{run.metrics_path} has no {_METRICS[KL]}: there is nothing to make a bound of")
-    changes = policy_changes(run, games, seed=seed, threads=threads, plugins=plugins) if games else []
-    largest, source = _value_bound(run, rows, value_bound, changes)
+    largest, source = _value_bound(run, rows, value_bound)
     gamma, limit = config.ppo.gamma, informative_kl(config.ppo.gamma)
     bounds = [lemma_bound(largest, value, gamma) for value in lines[KL].value]
     lines[BOUND] = Line(steps=lines[KL].steps, value=bounds)
@@ -111,7 +93,6 @@ def diagnose(
         informative_kl=limit,
         informative_share=float(np.mean([value < limit for value in lines[KL].value])),
         lines=lines,
-        changes=changes,
         notes=[],
     )
     result.notes = _notes(result, merged=any("row_iterations" in row for row in rows))
@@ -129,12 +110,9 @@ def _value_bound(
     run: RunDir,
     rows: Sequence[Mapping[str, float]],
     given: float | None,
-    changes: Sequence[PolicyChange],
-) -> tuple[float, Literal["given", "play", "returns"]]:
+) -> tuple[float, Literal["given", "returns"]]:
     if given is not None:
         return given, "given"
-    if changes:
-        return max(change.largest_value for change in changes), "play"
     returns = [abs(row[_RETURN]) for row in rows if math.isfinite(row.get(_RETURN, math.nan))]
     if not returns:
         raise RunDirError(f"{run.metrics_path}: no game has ended, so nothing tells how large a value can be")
@@ -144,7 +122,6 @@ def _value_bound(
 def _notes(result: Diagnostics, *, merged: bool) -> list[str]:
     sources = {
         "given": "was given",
-        "play": "is the largest discounted return of the victim from any state of the games played",
         "returns": "is the largest mean return of the victim in a row of the log, so it may be too small",
     }
     notes = [

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import torch
 from hypothesis import given, settings
+from players import Scene, scenes
 
-from apil_core.studies.theory.games import ADVERSARY, VICTIM, TabularGame, rock_paper_scissors
-from apil_core.studies.theory.gradients import derivative, enumerated_gradient, finite_value, policy_gradient
-from apil_core.studies.theory.imitation import Imitation
-from apil_core.studies.theory.policies import random_policy, softmax
-from theory.scenes import Scene, scenes
+from apil_theory.games import ADVERSARY, VICTIM, TabularGame, rock_paper_scissors
+from apil_theory.gradients import derivative, enumerated_gradient, finite_value, policy_gradient
+from apil_theory.imitation import Imitation
+from apil_theory.policies import random_policy, softmax
 
 HORIZON = 3
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from apil_core.studies.theory.comparisons import (
+from .comparisons import (
     Comparison,
     moved_victim,
     other_adversary,
     transferred_imitator,
 )
-from apil_core.studies.theory.games import (
+from .games import (
     ADVERSARY,
     VICTIM,
     TabularGame,
@@ -21,8 +21,8 @@ from apil_core.studies.theory.games import (
     rock_paper_scissors,
     tug_of_war,
 )
-from apil_core.studies.theory.imitation import Imitation
-from apil_core.studies.theory.policies import at_distance, random_policy
+from .imitation import Imitation
+from .policies import at_distance, random_policy
 
 
 @dataclass(frozen=True)

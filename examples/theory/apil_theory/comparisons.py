@@ -7,17 +7,18 @@ from typing import Literal
 
 import numpy as np
 
-from apil_core.studies.theory.bounds import (
+from apil_core.studies.theory.bounds import lemma_bound
+
+from .bounds import (
     imitation_constant,
-    lemma_bound,
     lemma_bound_of_mean,
     lemma_bound_of_visits,
     other_adversary_bound,
     unfixed_victim_bound,
 )
-from apil_core.studies.theory.games import ADVERSARY, VICTIM, TabularGame
-from apil_core.studies.theory.imitation import Imitation
-from apil_core.studies.theory.policies import kl_bits
+from .games import ADVERSARY, VICTIM, TabularGame
+from .imitation import Imitation
+from .policies import kl_bits
 
 LemmaForm = Literal["printed", "mean", "visits"]
 

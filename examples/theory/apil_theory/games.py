@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from apil_core.studies.theory.mdp import MDP
+from .mdp import MDP
 
 ADVERSARY, VICTIM = 0, 1
 

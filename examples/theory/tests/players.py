@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from hypothesis import strategies as st
 
-from apil_core.studies.theory.games import (
+from apil_theory.games import (
     ADVERSARY,
     VICTIM,
     TabularGame,
@@ -15,7 +15,7 @@ from apil_core.studies.theory.games import (
     rock_paper_scissors,
     tug_of_war,
 )
-from apil_core.studies.theory.policies import at_distance, random_policy
+from apil_theory.policies import at_distance, random_policy
 
 
 @dataclass(frozen=True)

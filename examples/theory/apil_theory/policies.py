@@ -8,9 +8,6 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import rel_entr
 
-PINSKER = math.sqrt(2 * math.log(2))
-"""√(2 ln 2): Σ_a |p(a) − q(a)| ≤ √(2 ln 2 · KL(p ‖ q)) with KL in bits, for either order of p and q."""
-
 
 def softmax(logits: np.ndarray) -> np.ndarray:
     """Policy of these logits (S, A); analytic, so that complex logits work as well."""

@@ -1,6 +1,6 @@
-"""Print the table of docs/theory.md."""
+"""Print the table of docs/theory.md: ``python -m examples.theory.apil_theory`` in a checkout."""
 
-from apil_core.studies.theory.survey import survey
+from .survey import survey
 
 if __name__ == "__main__":
     print("| bound | game | draws | violations | median gap / bound | largest |")

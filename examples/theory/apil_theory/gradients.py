@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from apil_core.studies.theory.mdp import MDP
-from apil_core.studies.theory.policies import softmax
+from .mdp import MDP
+from .policies import softmax
 
 _STEP = 1e-30
 

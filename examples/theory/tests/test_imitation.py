@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from players import Scene, scenes
 
-from apil_core.studies.theory.games import ADVERSARY, VICTIM, random_game, rock_paper_scissors
-from apil_core.studies.theory.imitation import Imitation
-from apil_core.studies.theory.policies import random_policy
-from theory.scenes import Scene, scenes
+from apil_theory.games import ADVERSARY, VICTIM, random_game, rock_paper_scissors
+from apil_theory.imitation import Imitation
+from apil_theory.policies import random_policy
 
 
 def problem(scene: Scene, **changes: float) -> Imitation:

@@ -18,8 +18,8 @@ import numpy as np
 from scipy.optimize import linprog
 from scipy.sparse import coo_array, eye_array, hstack, vstack
 
-from apil_core.studies.theory.games import ADVERSARY, VICTIM, TabularGame
-from apil_core.studies.theory.mdp import MDP
+from .games import ADVERSARY, VICTIM, TabularGame
+from .mdp import MDP
 
 
 @dataclass(frozen=True)

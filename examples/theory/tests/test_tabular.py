@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from players import Scene, scenes
 
-from apil_core.studies.theory.games import ADVERSARY, VICTIM, rock_paper_scissors, tug_of_war
-from apil_core.studies.theory.mdp import MDP
-from apil_core.studies.theory.policies import PINSKER, at_distance, kl_bits, random_policy
-from theory.scenes import Scene, scenes
+from apil_core.studies.theory.bounds import PINSKER
+from apil_theory.games import ADVERSARY, VICTIM, rock_paper_scissors, tug_of_war
+from apil_theory.mdp import MDP
+from apil_theory.policies import at_distance, kl_bits, random_policy
 
 
 def test_values_by_hand() -> None:

@@ -10,13 +10,15 @@ from pathlib import Path
 import numpy as np
 from pydantic import BaseModel
 
-from apil_core.common.errors import RunDirError
+from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import default_plugins
-from apil_core.studies.theory.bounds import lemma_bound, lemma_bound_of_visits
-from apil_core.studies.theory.compared_games import ComparedGames, play_compared
+from apil_core.studies.theory.bounds import lemma_bound
 from apil_core.training.storage.run_dir import RunDir
+
+from .bounds import lemma_bound_of_visits
+from .compared_games import ComparedGames, play_compared
 
 
 class Estimate(BaseModel):
@@ -73,8 +75,10 @@ def policy_changes(
         plugins: default: installed ones and the run's one-file plugins.
 
     Raises:
-        ApilError: fewer than two checkpoints, or one of them cannot be loaded.
+        ApilError: fewer than two games or checkpoints, or one of these cannot be loaded.
     """
+    if games < 2:
+        raise ConfigError(f"games must be at least 2, got {games}")
     paths = run.checkpoints()
     if len(paths) < 2:
         raise RunDirError(

@@ -7,22 +7,21 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from players import Scene, scenes
 
-from apil_core.studies.theory.bounds import (
+from apil_core.studies.theory.bounds import informative_kl, lemma_bound
+from apil_theory.bounds import (
     imitation_constant,
-    informative_kl,
-    lemma_bound,
     lemma_bound_of_mean,
     lemma_bound_of_visits,
     other_adversary_bound,
     unfixed_victim_bound,
 )
-from apil_core.studies.theory.comparisons import moved_victim, other_adversary, transferred_imitator
-from apil_core.studies.theory.games import ADVERSARY, VICTIM, TabularGame, coin
-from apil_core.studies.theory.imitation import Imitation
-from apil_core.studies.theory.policies import kl_bits
-from apil_core.studies.theory.survey import survey
-from theory.scenes import Scene, scenes
+from apil_theory.comparisons import moved_victim, other_adversary, transferred_imitator
+from apil_theory.games import ADVERSARY, VICTIM, TabularGame, coin
+from apil_theory.imitation import Imitation
+from apil_theory.policies import kl_bits
+from apil_theory.survey import survey
 
 
 def test_formulas_by_hand() -> None:
