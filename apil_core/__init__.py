@@ -44,6 +44,7 @@ _HOMES = {
         "Window",
     ),
     "apil_core.games.views": ("OpponentInsideEnv", "ParallelGameEnv"),
+    "apil_core.common.trust": ("trust",),
     "apil_core.common.torch_threads": ("side_by_side",),
     "apil_core.api.types": ("Context", "Decision", "DiagonalGaussian", "Rollout", "StepBatch", "View"),
     "apil_core.api.policy": ("Policy", "PolicyInfo"),
@@ -136,6 +137,7 @@ if TYPE_CHECKING:
     from apil_core.common.errors import UnknownNameError as UnknownNameError
     from apil_core.common.errors import VictimError as VictimError
     from apil_core.common.torch_threads import side_by_side as side_by_side
+    from apil_core.common.trust import trust as trust
     from apil_core.evaluation.results import EvaluationResult as EvaluationResult
     from apil_core.evaluation.score import evaluate as evaluate
     from apil_core.games.pettingzoo.options import PettingZooOptions as PettingZooOptions

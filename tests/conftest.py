@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import os
 import sys
+import tempfile
 from pathlib import Path
 from types import ModuleType
 
 # before torch is imported: two test workers with a thread pool each would fight for two cores
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+# what the tests run is not what this user has run
+os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="apil-tests-")
 
 import pytest
 

@@ -161,7 +161,7 @@ class RunConfig(Section):
     victim_sha256: str = ""
     """SHA-256 of the victim's weights when the run began (filled in by the run); resuming refuses others."""
     trust: bool = False
-    """Allow victims whose loading runs code, e.g. python:...; set by naming one on the command line."""
+    """Allow a victim whose loading runs code, e.g. python:...; in Python: in a file it counts for nothing."""
     victim_side: Literal[0, 1] | None = None
     """Which side is attacked; null: the game's default."""
     victim_actions: ActionMode = "sample"

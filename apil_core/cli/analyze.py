@@ -106,7 +106,6 @@ def activations(
         "sets": sets or [],
         "plugin_files": [str(path) for path in plugin or ()],
         "threads": threads,
-        "trust": True,  # whoever names a policy on the command line wants its code to run
     }
     with make_progress(quiet=quiet) as progress:
         found = analyze(

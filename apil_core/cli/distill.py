@@ -149,10 +149,7 @@ def _config(flags: DistillFlags, plugins: PluginRegistry) -> DistillConfig:
 
     if flags.env is None or flags.role is None:
         raise ConfigError("say what to distill: --env GAME --role SIDE (or --resume DIR)")
-    config = settings(flags.given(), flags.sets, plugins)
-    specs = (plugins.policies.get(name.partition(":")[0]) for name in (config.teacher, config.opponent))
-    named_code = any(spec is not None and spec.runs_code for spec in specs)
-    return config.model_copy(update={"trust": True}) if named_code else config
+    return settings(flags.given(), flags.sets, plugins)
 
 
 def _teller(progress: Progress) -> Any:

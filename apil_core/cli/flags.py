@@ -123,16 +123,7 @@ class ConfigFlags:
 
         layers = self.layers()
         plugins = discover(plugin_files(layers))
-        config = resolve_layers(layers, plugins)
-        if self._names_code(config.victim, plugins):
-            config.trust = True
-        return config, plugins
-
-    def _names_code(self, victim: str, plugins: PluginRegistry) -> bool:
-        """Whether the victim was named on the command line, and loading it runs code of the user's."""
-        spec = plugins.policies.get(victim.partition(":")[0])
-        named = self.victim is not None or any(text.startswith("victim=") for text in self.set)
-        return named and spec is not None and spec.runs_code
+        return resolve_layers(layers, plugins), plugins
 
 
 _Actions = Annotated[
@@ -193,5 +184,4 @@ class PairingFlags:
             "physics": self.physics,
             "checkpoint_path": self.checkpoint,
             "plugin_files": [str(path) for path in self.plugin],
-            "trust": True,  # whoever names a policy on the command line wants its code to run
         }

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from apil_core.common.errors import ApilError, ConfigError
 from apil_core.common.extras import missing
+from apil_core.common.trust import begin
 from apil_core.training.distributed.world import World
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ def guarded(arguments: list[str]) -> int:
     from apil_core.cli.app import make_app
 
     try:
-        result = make_app()(arguments)
+        result = make_app()(begin(arguments))
         sys.stdout.flush()
     except ApilError as error:
         if os.environ.get("APIL_DEBUG") == "1":  # for mistakes in code of the user's

@@ -20,7 +20,6 @@ from apil_core.runs.retraining.config import RetrainConfig
 
 if TYPE_CHECKING:
     from apil_core.evaluation.results import EvaluationResult
-    from apil_core.plugins.discovery import PluginRegistry
     from apil_core.runs.retraining.scoring import RetrainResult
 
 _WHO = Group("Who is hardened against whom", sort_key=0)
@@ -107,13 +106,10 @@ def retrain(
             f"choose another, or continue it with: apil resume {out}"
         )
 
-    from apil_core.plugins.registry import default_plugins
     from apil_core.runs.retraining.retrain import retrain as start
     from apil_core.runs.retraining.settings import settings
 
     config = settings(adversaries, flags.given(), flags.sets)
-    if _names_code(flags, default_plugins()):
-        config = config.model_copy(update={"trust": True})
     with make_progress(quiet=quiet) as progress:
         result = start(config, out=out, progress=progress, command=["apil", *sys.argv[1:]])
     return finish(result, as_json=as_json)
@@ -192,10 +188,3 @@ def _victims_view(score: EvaluationResult) -> tuple[str, str, str]:
 
     not_lost = wilson(score.losses + score.ties, score.episodes)
     return str(score.episodes), percent(score.loss_rate), percent(not_lost)
-
-
-def _names_code(flags: RetrainFlags, plugins: PluginRegistry) -> bool:
-    """Whether a player was named here whose loading runs code of the user's."""
-    named = [name for name in (flags.victim, flags.baseline) if name is not None]
-    specs = (plugins.policies.get(name.partition(":")[0]) for name in named)
-    return any(spec is not None and spec.runs_code for spec in specs)

@@ -19,6 +19,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
 
 from apil_core.common.errors import ConfigError, UnknownNameError
+from apil_core.common.trust import named_in
 
 Key = tuple[str | int, ...]
 
@@ -106,6 +107,7 @@ def file_layer(path: Path) -> Layer:
         raise ConfigError(f"{path}: cannot be read: {error}") from error
     data, lines = parse_yaml(text, str(path))
     data = from_folder(path.parent, data)
+    named_in(path, data)
     origins = {key: f"{path}:{line}" for key, line in lines.items()}
     return Layer(data, origins, stored=(path.parent / ENVIRONMENT).is_file() and path.name == CONFIG)
 

@@ -22,6 +22,7 @@ from apil_core.api.hooks import PROJECT
 from apil_core.api.hookspecs import ProcessHooks, RunHooks
 from apil_core.api.specs import GameSpec, MethodSpec, ObserverSpec, PolicySpec, RecorderSpec, RunPluginSpec
 from apil_core.common.errors import PluginError, UnknownNameError
+from apil_core.common.trust import check
 from apil_core.plugins.validation import register, unmarked
 
 ENTRY_POINT_GROUP = "apil"
@@ -263,6 +264,7 @@ def discover(files: Sequence[str | Path] = (), *, forgiving: bool = False) -> Pl
             registry.add(record, plugin)
     # a run brings its files along, and a flag may name the same one again
     for file in {Path(file).resolve(): Path(file) for file in files}.values():
+        check(str(file.resolve()))
         record = _add_file(registry, file)
         if record.error is not None and not forgiving:
             raise PluginError(f"--plugin {file}: {record.error}")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from apil_core.api.game import Game, SideLayout
 from apil_core.api.specs import GameSpec, MethodSpec, ObserverSpec, RunPluginSpec, load, titled, wanted_of
 from apil_core.common.errors import ApilError, ConfigError, PluginError, UnknownNameError, VictimError
+from apil_core.common.trust import check
 from apil_core.plugins.discovery import PluginRegistry, discover
 
 if TYPE_CHECKING:
@@ -71,6 +72,8 @@ def make_game(
         ConfigError: its options are wrong.
     """
     spec = game_spec(name, plugins)
+    if name not in (plugins or default_plugins()).games:  # of a family: the name says what to call
+        check(name)
     model = options_model(spec.config, options or {}, f"game {name}")
     which = {"target": spec.target} if spec.target else {}
     game: Game = load(spec.factory)(num_envs=num_envs, threads=threads, options=model, **which)
@@ -104,11 +107,8 @@ def load_policy(
         known = [f"{s}:…" for s in registry.policies]
         raise UnknownNameError("policy", name, known)
     spec = registry.policies[scheme]
-    if spec.runs_code and not trust:
-        raise VictimError(
-            f"{name} runs code when it is loaded: name it on the command line, or set `trust: true` "
-            "in the configuration (in Python: trust=True)"
-        )
+    if spec.runs_code:
+        check(name, trust, VictimError)
     extras: dict[str, Any] = {"seat": seat} if spec.seat else {}
     if spec.plugins:
         extras |= {"plugins": registry, "device": device}

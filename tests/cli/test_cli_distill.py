@@ -41,7 +41,13 @@ def test_a_teacher_may_be_code_that_is_named_here(apil: Apil, tmp_path: Path) ->
     assert done.code == 0, done.err
     assert json.loads(done.out)["teacher"] == "python:teaches_to_flee:flee"
     settings = json.loads((tmp_path / "s" / "distillation.json").read_text())
-    assert (settings["trust"], settings["opponent"]) == (True, "baseline:random/7x2")
+    assert settings["opponent"] == "baseline:random/7x2"
+    assert apil("distill", "--resume", "s", "--quiet").code == 0
+    (tmp_path / "s").rename(tmp_path / "moved")
+    (tmp_path / "moved" / "report.json").unlink()
+    refused = apil("distill", "--resume", "moved", "--quiet")
+    assert refused.code == 2
+    assert "moved/distillation.json names it: name it on the command line, or add --trust" in refused.err
 
 
 @pytest.mark.parametrize(

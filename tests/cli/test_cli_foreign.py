@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -90,26 +91,68 @@ def test_naming_code_on_the_command_line_is_trusting_it(apil: Apil, tmp_path: Pa
     for number, named in enumerate((("--victim", agent), ("--set", f"victim={agent}"))):
         done = apil("run", *SHORT, *named, "--out", f"r{number}")
         assert done.code == 0, done.err
-        assert "\ntrust: true\n" in (tmp_path / f"r{number}" / "config.yaml").read_text()
     assert apil("resume", "r0", "--steps", "2k", "--quiet").code == 0
     assert apil("eval", "r0", "--episodes", "4", "--quiet").code == 0
     assert apil("eval", agent, *TOY, "--episodes", "4", "--quiet").code == 0
     assert apil("eval", "random", "--victim", agent, *TOY, "--episodes", "4", "--quiet").code == 0
     assert apil("victims", "check", agent, *TOY).code == 0
-    assert apil("run", *SHORT, "--victim", "random", "--out", "plain").code == 0
-    assert "\ntrust: false\n" in (tmp_path / "plain" / "config.yaml").read_text()
 
 
-def test_a_file_must_say_that_it_trusts(apil: Apil, tmp_path: Path, agent: str) -> None:
-    (tmp_path / "run.yaml").write_text(f"victim: {agent}\n")
-    done = apil("run", *SHORT, "--config", "run.yaml", "--out", "r")
+def test_no_file_vouches_for_itself(apil: Apil, tmp_path: Path, agent: str) -> None:
+    (tmp_path / "run.yaml").write_text(f"victim: {agent}\ntrust: true\n")
+    flags = ("run", *SHORT, "--config", "run.yaml", "--out", "r")
+    done = apil(*flags)
     assert done.code == 2
-    assert done.err.startswith(
-        f"apil: {agent} runs code when it is loaded: name it on the command line, or set"
+    assert done.err == (
+        f"apil: {agent} runs code when it is loaded, and run.yaml names it: name it on the command line, or "
+        "add --trust if you trust that (once also for your runs older than this check; "
+        "Python: apil_core.trust)\n"
     )
     assert "an_agent" not in sys.modules
-    (tmp_path / "run.yaml").write_text(f"victim: {agent}\ntrust: true\n")
-    assert apil("run", *SHORT, "--config", "run.yaml", "--out", "r").code == 0
+    done = apil(*flags, "--trust")
+    assert done.code == 0
+    assert done.err.startswith(f"apil: loads code: {agent}, named by run.yaml (as asked)\n")
+    # own runs go on without asking, copied ones do not
+    done = apil("resume", "r", "--steps", "2k", "--quiet")
+    assert done.err.startswith(f"apil: loads code: {agent}, named by r/config.yaml (run there before)\n")
+    shutil.copytree(tmp_path / "r", tmp_path / "copy")
+    assert apil("resume", "copy", "--steps", "3k", "--quiet").code == 2
+    assert apil("eval", "copy", "--episodes", "4", "--quiet").code == 2
+    assert apil("eval", "copy", "--episodes", "4", "--quiet", "--victim", agent).code == 0
+    assert apil("resume", "copy", "--steps", "3k", "--quiet", "--trust").code == 0
+    assert apil("resume", "copy", "--steps", "4k", "--quiet").code == 0
+
+
+@pytest.mark.parametrize(
+    ("game", "more"), [("pettingzoo:trap:make", ""), ("toy-pursuit", "plugins: [trap.py], ")]
+)
+def test_a_game_or_a_plugin_in_a_file_does_not_run(apil: Apil, tmp_path: Path, game: str, more: str) -> None:
+    (tmp_path / "trap.py").write_text("import pathlib\npathlib.Path('sprung').touch()\n")
+    (tmp_path / "some.yaml").write_text(f"{{env: '{game}', {more}trust: true}}")
+    (tmp_path / "matrix.yaml").write_text(
+        f"{{methods: [adrl], games: ['{game}'], config: {{{more}trust: true}}}}"
+    )
+    for flags in (
+        ("run", "--config", "some.yaml", "--out", "r"),
+        ("bench", "run", "matrix.yaml", "--dry-run"),
+        ("bench", "run", "matrix.yaml"),
+    ):
+        done = apil(*flags)
+        assert (done.code, done.err.count("\n"), "or add --trust" in done.err) == (2, 1, True), done.err
+    assert apil("config", "show", "--config", "some.yaml").code == (2 if more else 0)
+    assert not (tmp_path / "sprung").exists()
+
+
+def test_the_victims_of_a_matrix_do_not_run(apil: Apil, tmp_path: Path, agent: str) -> None:
+    (tmp_path / "matrix.yaml").write_text(
+        f"methods: [adrl]\ngames: [toy-pursuit]\nvictims: {{toy-pursuit: ['{agent}']}}\nsteps: 1000\n"
+        "config: {trust: true, num_envs: 4}\n"
+    )
+    done = apil("bench", "run", "matrix.yaml", "--dry-run")
+    assert (done.code, "matrix.yaml names it" in done.err) == (2, True)
+    assert "an_agent" not in sys.modules
+    assert apil("bench", "run", "matrix.yaml", "--dry-run", "--trust", "--quiet").code == 0
+    assert "an_agent" in sys.modules
 
 
 def test_a_mistake_in_the_users_code(

@@ -71,10 +71,10 @@ def agents(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 
 def test_it_does_not_run_unless_trusted(agents: str) -> None:
     with pytest.raises(
-        VictimError, match=r"^python:their_agents:chase runs code when it is loaded: name it on"
+        VictimError, match=r"^python:their_agents:chase runs code when it is loaded, and nobody names"
     ):
         load_policy(f"python:{agents}:chase", seat=seat())
-    with pytest.raises(VictimError, match="`trust: true`"):
+    with pytest.raises(VictimError, match="or add --trust"):
         run(small_config("adrl", victim=f"python:{agents}:chase"), out=Path("r"))
     assert agents not in sys.modules
 

@@ -27,7 +27,7 @@ class DistillConfig(Section):
     opponent: str = "auto"
     """Whom it plays meanwhile, and in the report; auto: the agent the game names for the other side."""
     trust: bool = False
-    """Allow players whose loading runs code, e.g. python:...; set by naming one on the command line."""
+    """Allow players whose loading runs code, e.g. python:...; counts in Python only, not in a file."""
     network: Literal["auto", "mlp", "lstm"] = "auto"
     """Student's network; auto: lstm for a recurrent teacher, else mlp."""
     width: Annotated[int, Field(gt=0)] = 128

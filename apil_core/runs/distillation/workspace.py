@@ -16,6 +16,7 @@ from torch import Tensor
 
 from apil_core.common.errors import RunDirError
 from apil_core.common.files import write_atomically
+from apil_core.common.trust import named_in, remember
 from apil_core.runs.distillation.config import DistillConfig
 from apil_core.runs.distillation.report import Report
 from apil_core.training.storage import checkpoint
@@ -56,6 +57,7 @@ class Workspace:
             raise RunDirError(f"cannot create {path}: {error.strerror}") from error
         space._write(space.settings_path, config.model_dump(mode="json"))
         space._write(space.environment_path, environment(command))
+        remember(path)
         return space
 
     def settings(self) -> DistillConfig:
@@ -69,7 +71,9 @@ class Workspace:
                 f"{self.path} is no distillation's directory (no {self.settings_path.name} in it)"
             )
         try:
-            return DistillConfig.model_validate_json(self.settings_path.read_bytes())
+            stored = DistillConfig.model_validate_json(self.settings_path.read_bytes())
+            named_in(self.settings_path, stored.model_dump())
+            return stored
         except ValidationError as error:
             reason = error.errors()[0]["msg"]
             raise RunDirError(f"{self.settings_path} is damaged or of another version: {reason}") from error

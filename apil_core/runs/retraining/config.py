@@ -44,7 +44,7 @@ class RetrainConfig(Section):
     baseline_sha256: str = ""
     """SHA-256 of its weights when the retraining began (filled in)."""
     trust: bool = False
-    """Allow players whose loading runs code, e.g. python:...; set by naming one on the command line."""
+    """Allow players whose loading runs code, e.g. python:...; counts in Python only, not in a file."""
     adversary_share: Annotated[float, Field(ge=0, le=1)] = 0.5
     """Share of games (or steps) played against the adversaries; the rest is the baseline's."""
     mix: Literal["per_episode", "per_step"] = "per_episode"

@@ -48,7 +48,7 @@ class TrackioRecorder:
         where = where or {"project": PROJECT, "name": f"{tracked.name}-{token_hex(3)}"}
         directory = str(run_dir.resolve() / "trackio")
         self._writer = subprocess.Popen(
-            [sys.executable, "-m", "apil_core.runs.trackers.trackio_writer"],
+            [sys.executable, "-P", "-m", "apil_core.runs.trackers.trackio_writer"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env={"TRACKIO_DIR": directory, **os.environ},

@@ -13,6 +13,7 @@ from filelock import FileLock, Timeout
 
 from apil_core.common.errors import RunDirError
 from apil_core.common.files import write_atomically
+from apil_core.common.trust import remember
 from apil_core.studies.bench.matrix import Matrix, load_matrix
 from apil_core.training.storage.run_dir import RunDir
 
@@ -92,6 +93,7 @@ class BenchDir:
         text = commented_yaml(matrix.model_dump(mode="json"), Matrix).encode()
         self.path.mkdir(parents=True, exist_ok=True)
         write_atomically(self.matrix_path, lambda file: file.write(text))
+        remember(self.path)
 
     def cell(self, name: str) -> RunDir:
         """The run directory of a cell."""

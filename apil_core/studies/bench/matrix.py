@@ -283,6 +283,7 @@ def load_matrix(name: str) -> Matrix:
     """
     from pydantic import ValidationError
 
+    from apil_core.common.trust import named_in
     from apil_core.config.layers import from_folder, parse_yaml
     from apil_core.config.problems import Problem, problems_of, raise_problems
 
@@ -290,6 +291,7 @@ def load_matrix(name: str) -> Matrix:
     data, lines = parse_yaml(text, origin)
     if isinstance(data.get("config"), dict) and origin == str(Path(name)):
         data["config"] = from_folder(Path(name).parent, data["config"])
+    named_in(Path(name), data)
     origins = {key: f"{origin}:{line}" for key, line in lines.items()}
     version = data.get("version")
     if isinstance(version, int) and version > MATRIX_VERSION:

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from apil_core.common.trust import FLAG
 from apil_core.studies.bench.folder import BenchDir
 from apil_core.studies.bench.work import Outcome
 
@@ -40,9 +41,15 @@ class SupervisedJob:
         path = self._bench.log_path(job)
         path.parent.mkdir(parents=True, exist_ok=True)
         self._log = path.open("ab")
-        command = [sys.executable, "-m", "apil_core.cli", "bench", "work", str(root), job]
+        command = [sys.executable, "-P", "-m", "apil_core.cli", "bench", "work", str(root), job]
         self._process = subprocess.Popen(
-            [*command, "--threads", str(threads), "--supervised"],
+            [
+                *command,
+                "--threads",
+                str(threads),
+                "--supervised",
+                FLAG,
+            ],  # the matrix was checked before the first job
             cwd=folder,
             # its other end closes when we end, even if we are killed: see cli/bench_work.py
             stdin=subprocess.PIPE,

@@ -19,6 +19,7 @@ from filelock import FileLock, Timeout
 from apil_core.api.config import RunConfig
 from apil_core.common.errors import RunDirError
 from apil_core.common.files import write_atomically
+from apil_core.common.trust import remember
 from apil_core.config.kind import is_retraining
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.training.distributed.world import World
@@ -86,6 +87,7 @@ class RunDir:
             sessions = []
         sessions.append(environment(command))
         self.write_json(self.environment_path, sessions)
+        remember(self.path)
 
     def config(self) -> RunConfig:
         """The stored configuration.
