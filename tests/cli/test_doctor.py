@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from apil_core.cli.doctor_checks import Finding, Report, examination, games, plugins, presets, weights
-from apil_core.cli.doctor_checks.scope import Scope
-from apil_core.cli.doctor_checks.trial import TrialError, attempt
+from apil_core.cli.doctor_checks import Finding, Report, Scope, find_plugins, guarded, offers
+from apil_core.cli.doctor_checks.probes import TrialError, attempt
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.policies import zoo_cache as cache
 from apil_core.policies import zoo_catalogue as catalogue
@@ -28,9 +27,9 @@ def statuses(findings: list[Finding]) -> dict[str, str]:
 def test_a_broken_plugin_has_its_line_and_the_others_work(tmp_path: Path) -> None:
     broken = tmp_path / "broken_for_doctor.py"
     broken.write_text("import no_such_module_at_all\n")
-    registry = PluginRegistry()
-    assert list(plugins.find(registry, [broken, tmp_path / "missing.py", COIN])) == []
-    findings = {finding.check: finding for finding in plugins.check(Scope(registry))}
+    registry, nothing = find_plugins([broken, tmp_path / "missing.py", COIN])
+    assert nothing == []
+    findings = {finding.check: finding for finding in offers.plugins(Scope(registry))}
     assert findings["plugins"].status == "ok"
     assert f"{len(registry.records) - 2} of {len(registry.records)} work" in findings["plugins"].detail
     named = findings["plugin: broken_for_doctor"]
@@ -43,27 +42,27 @@ def test_a_broken_plugin_has_its_line_and_the_others_work(tmp_path: Path) -> Non
 
 def test_a_plugin_that_ends_the_program_is_as_broken_as_any(tmp_path: Path) -> None:
     (tmp_path / "leaves_at_once.py").write_text("raise SystemExit(0)\n")
-    registry = PluginRegistry()
-    assert list(plugins.find(registry, [tmp_path / "leaves_at_once.py"])) == []
-    findings = {finding.check: finding for finding in plugins.check(Scope(registry))}
+    registry, nothing = find_plugins([tmp_path / "leaves_at_once.py"])
+    assert nothing == []
+    findings = {finding.check: finding for finding in offers.plugins(Scope(registry))}
     assert findings["plugin: leaves_at_once"].detail.startswith("SystemExit: 0 ")
     assert "kick-and-defend" in registry.games
 
 
 def test_strict_plugins_make_a_broken_one_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("APIL_STRICT_PLUGINS", "1")
-    registry = PluginRegistry()
-    (finding,) = plugins.find(registry, [tmp_path / "missing.py"])
+    registry, (finding,) = find_plugins([tmp_path / "missing.py"])
+    assert not registry.records
     assert finding.status == "error"
     assert "'missing'" in finding.detail
     assert "APIL_STRICT_PLUGINS" in finding.remedy
 
 
 def test_presets_are_valid_with_all_methods_and_not_without() -> None:
-    (finding,) = presets.check(Scope(discover()))
+    (finding,) = offers.presets(Scope(discover()))
     assert finding.status == "ok"
     assert "paper" in finding.detail
-    without = statuses(list(presets.check(Scope(PluginRegistry()))))
+    without = statuses(list(offers.presets(Scope(PluginRegistry()))))
     assert without["preset: paper"] == "warning"
 
 
@@ -75,7 +74,7 @@ def test_a_check_that_breaks_is_named_and_keeps_what_it_had_found() -> None:
         yield Finding(check="half", status="ok", detail="done")
         raise OSError("disk\non fire")
 
-    first, second = examination.guarded("half", breaks)
+    first, second = guarded("half", breaks)
     assert (first.status, second.status, second.check) == ("ok", "warning", "half")
     assert "this check itself failed: OSError: disk on fire" in second.detail
 
@@ -128,18 +127,18 @@ def only(default: str, *files: Path, quick: bool = False) -> Scope:
 def test_a_game_of_others_is_measured_and_families_are_not() -> None:
     scope = only("coin", COIN)
     assert any(spec.family for spec in scope.plugins.games.values())
-    (finding,) = games.check(scope)
+    (finding,) = offers.games(scope)
     assert (finding.check, finding.status) == ("game: coin", "ok")
     assert "steps/s with 64 games at once" in finding.detail
 
 
 @pytest.mark.slow
 def test_only_the_default_game_is_worth_an_error() -> None:
-    found = statuses(list(games.check(only("wild-gone", WILD, quick=True))))
+    found = statuses(list(offers.games(only("wild-gone", WILD, quick=True))))
     assert found == {"game: wild-gone": "error"}
     scope = only("coin", COIN, WILD)
     del scope.plugins.games["wild-asleep"]
-    assert statuses(list(games.check(scope))) == {
+    assert statuses(list(offers.games(scope))) == {
         "game: coin": "ok",
         "game: wild-killed": "warning",
         "game: wild-angry": "warning",
@@ -148,14 +147,14 @@ def test_only_the_default_game_is_worth_an_error() -> None:
 
 
 def test_a_default_game_that_nobody_offers_is_an_error() -> None:
-    (finding,) = games.check(Scope(PluginRegistry()))
+    (finding,) = offers.games(Scope(PluginRegistry()))
     assert finding.status == "error"
     assert "'kick-and-defend'" in finding.detail
 
 
 def test_a_wrong_opengl_setting_is_an_error_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MUJOCO_GL", "nonsense")
-    (finding,) = games.check(Scope(discover(), quick=True))
+    (finding,) = offers.games(Scope(discover(), quick=True))
     assert (finding.check, finding.status) == ("game: kick-and-defend", "error")
     assert "MUJOCO_GL" in finding.detail
     assert finding.remedy == "unset MUJOCO_GL, or set it to egl, osmesa or glfw"
@@ -168,7 +167,7 @@ def test_missing_weights_are_counted_with_the_commands_that_get_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("APIL_CACHE", str(tmp_path / "cache"))
-    findings = {finding.check: finding for finding in weights.check(Scope(discover()))}
+    findings = {finding.check: finding for finding in offers.victims(Scope(discover()))}
     kickers = sum(entry.game == "kick-and-defend" for entry in catalogue.entries().values())
     kick = findings["victims: kick-and-defend"]
     assert f"zoo 0 of {kickers}" in kick.detail
@@ -185,7 +184,7 @@ def test_damaged_weights_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     file = cache.cached_file(catalogue.entries()["kick-and-defend/kicker/v1"])
     file.parent.mkdir(parents=True)
     file.write_bytes(b"not weights")
-    findings = {finding.check: finding for finding in weights.check(Scope(discover()))}
+    findings = {finding.check: finding for finding in offers.victims(Scope(discover()))}
     damaged = findings["victim: zoo:kick-and-defend/kicker/v1"]
     assert damaged.status == "warning"
     assert f"{file} is damaged" in damaged.detail
@@ -194,7 +193,7 @@ def test_damaged_weights_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_victims_of_others_that_do_not_load_stop_nobody() -> None:
-    findings = {finding.check: finding for finding in weights.check(only("coin", COIN, WILD))}
+    findings = {finding.check: finding for finding in offers.victims(only("coin", COIN, WILD))}
     assert findings["victim: wild:angry/side/v1"].detail == "wild:angry/side/v1 is torn"
     assert findings["victim: wild:gone/side/v1"].detail == "ZeroDivisionError: gone/side/v1"
     assert findings["victims: wild-angry"].status == "warning"

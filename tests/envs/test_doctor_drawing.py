@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from apil_core.cli.doctor_checks import drawing, games
-from apil_core.cli.doctor_checks.scope import Scope
+from apil_core.cli.doctor_checks import Scope, offers
 from apil_core.plugins.discovery import discover
 from apil_envs import gl
 
@@ -13,7 +12,7 @@ from apil_envs import gl
 @pytest.mark.slow
 def test_a_backend_works_for_the_doctor_where_it_works_for_the_games(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("MUJOCO_GL", raising=False)
-    findings = {finding.check: finding for finding in drawing.check(Scope(discover()))}
+    findings = {finding.check: finding for finding in offers.drawing(Scope(discover()))}
     assert findings.keys() == {f"drawing: {backend}" for backend in gl.BACKENDS}
     working = {backend for backend in gl.BACKENDS if gl.works(backend)}
     for backend in gl.BACKENDS:
@@ -30,14 +29,16 @@ def test_an_opengl_that_is_asked_for_but_not_there(monkeypatch: pytest.MonkeyPat
     if gl.works("osmesa"):
         pytest.skip("OSMesa is installed")
     monkeypatch.setenv("MUJOCO_GL", "osmesa")
-    (finding,) = games.check(Scope(discover(), quick=True))
+    (finding,) = offers.games(Scope(discover(), quick=True))
     assert finding.status == "error"
     assert finding.remedy == "unset MUJOCO_GL, or `apt-get install libosmesa6`"
     if gl.works("egl"):
-        asked = {finding.check: finding for finding in drawing.check(Scope(discover()))}["drawing: MUJOCO_GL"]
+        asked = {finding.check: finding for finding in offers.drawing(Scope(discover()))}[
+            "drawing: MUJOCO_GL"
+        ]
         assert asked.status == "warning"
         assert "asks for osmesa" in asked.detail
 
 
 def test_quick_draws_nothing() -> None:
-    assert list(drawing.check(Scope(discover(), quick=True))) == []
+    assert list(offers.drawing(Scope(discover(), quick=True))) == []

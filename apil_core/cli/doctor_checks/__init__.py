@@ -1,8 +1,126 @@
-"""What works on this machine and what does not, with a remedy: ``apil doctor``."""
+"""What works on this machine and what does not, with a remedy: ``apil doctor``; no check stops another."""
 
 from __future__ import annotations
 
-from apil_core.cli.doctor_checks.examination import examine
-from apil_core.cli.doctor_checks.finding import Finding, Report, Status
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
 
-__all__ = ["Finding", "Report", "Status", "examine"]
+from pydantic import BaseModel, computed_field
+
+import apil_core
+from apil_core.api.config import RunConfig
+from apil_core.api.specs import GameSpec, load
+from apil_core.common.errors import PluginError
+from apil_core.plugins.discovery import PluginRegistry, discover
+
+CHECKS = {
+    "python": "apil_core.cli.doctor_checks.machine:python",
+    "packages": "apil_core.cli.doctor_checks.machine:packages",
+    "plugins": "apil_core.cli.doctor_checks.offers:plugins",
+    "presets": "apil_core.cli.doctor_checks.offers:presets",
+    "cpu": "apil_core.cli.doctor_checks.machine:cpu",
+    "learner and gpu": "apil_core.cli.doctor_checks.machine:learner",
+    "games": "apil_core.cli.doctor_checks.offers:games",
+    "drawing": "apil_core.cli.doctor_checks.offers:drawing",
+    "victims": "apil_core.cli.doctor_checks.offers:victims",
+    "disk": "apil_core.cli.doctor_checks.machine:disk",
+}
+"""Functions from a :class:`Scope` to findings; lazy, since a check may need what is not installed."""
+
+Status = Literal["ok", "warning", "error"]
+"""``error`` is kept for what would keep ``apil run`` from working."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the report.
+
+    Attributes:
+        check: what was looked at, ``"subject"`` or ``"subject: part"``.
+        status: see :data:`Status`.
+        detail: what was found.
+        remedy: what would mend it, or what could be added; empty if there is nothing to do.
+    """
+
+    check: str
+    status: Status
+    detail: str
+    remedy: str = ""
+
+
+class Report(BaseModel):
+    """What ``apil doctor --json`` prints."""
+
+    version: str
+    findings: list[Finding]
+
+    @computed_field  # type: ignore[prop-decorator]  # pydantic's own idiom
+    @property
+    def status(self) -> Status:
+        """The worst of all findings."""
+        found = {finding.status for finding in self.findings}
+        return "error" if "error" in found else "warning" if "warning" in found else "ok"
+
+
+@dataclass(frozen=True)
+class Scope:
+    """Working plugins, one-file plugins asked for; ``quick`` leaves out what takes seconds.
+
+    What breaks ``default_game``, the game of a plain ``apil run``, is an error.
+    """
+
+    plugins: PluginRegistry
+    plugin_files: tuple[Path, ...] = ()
+    quick: bool = False
+    default_game: str = field(default_factory=lambda: RunConfig().env)
+
+    def games(self) -> list[GameSpec]:
+        """The games that can be made from their name alone, the default one first; no families."""
+        found = [spec for spec in self.plugins.games.values() if not spec.family]
+        return sorted(found, key=lambda spec: spec.name != self.default_game)
+
+    def unless_default(self, game: str) -> Status:
+        """How bad it is if ``game`` does not work."""
+        return "error" if game == self.default_game else "warning"
+
+
+def examine(
+    plugin_files: Sequence[Path] = (),
+    *,
+    quick: bool = False,
+    watch: Callable[[str], None] = lambda name: None,
+) -> Report:
+    """Look at everything ``apil`` needs.
+
+    Args:
+        plugin_files: one-file plugins to look at too; a broken one is a finding.
+        quick: leave out what takes seconds: step rates and pictures.
+        watch: called with the name of each check when it begins.
+    """
+    plugins, findings = find_plugins(plugin_files)
+    scope = Scope(plugins, tuple(plugin_files), quick)
+    for name, reference in CHECKS.items():
+        watch(name)
+        findings += guarded(name, lambda reference=reference: load(reference)(scope))  # type: ignore[misc]
+    return Report(version=apil_core.__version__, findings=findings)
+
+
+def find_plugins(files: Sequence[Path]) -> tuple[PluginRegistry, list[Finding]]:
+    """Working plugins; or none, and a finding that says why no plugin can be used at all."""
+    try:
+        return discover(files, forgiving=True), []
+    except PluginError as reason:  # APIL_STRICT_PLUGINS=1 asks for it
+        remedy = "mend or uninstall it, or unset APIL_STRICT_PLUGINS"
+        return PluginRegistry(), [Finding("plugins", "error", str(reason), remedy)]
+
+
+def guarded(name: str, check: Callable[[], Iterable[Finding]]) -> Iterator[Finding]:
+    """The check's findings; if it breaks, those it had made so far and one that says so."""
+    try:
+        yield from check()
+    except Exception as error:
+        reason = " ".join(str(error).split()) or "no message"
+        text = f"this check itself failed: {type(error).__name__}: {reason}"
+        yield Finding(name, "warning", text, "see the other lines; if they are fine, please report it")

@@ -1,23 +1,25 @@
-"""What :mod:`.trial` runs in a process of its own; answers are one JSON object on stdout.
+"""Trying something in a process of its own: whatever breaks there, breaks only there.
 
-python -m apil_core.cli.doctor_checks.probes '["play", [], ["sumo-ants", "1.5"]]'
+python -m apil_core.cli.doctor_checks.probes '["play", [], ["sumo-ants", "1.5"]]' prints a JSON object.
 """
 
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
 import sys
 import time
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
+if TYPE_CHECKING:
+    from apil_core.plugins.discovery import PluginRegistry
 
-from apil_core.api.game import Game
-from apil_core.api.specs import load
-from apil_core.common.errors import ApilError
-from apil_core.plugins.discovery import PluginRegistry, discover
-from apil_core.plugins.registry import load_policy, make_game
+PATIENCE = 120.0
+"""Seconds a trial may take; a busy machine needs some to import torch."""
 
 GAMES = 64
 """Games that are stepped together; enough for the threads of most machines."""
@@ -25,10 +27,71 @@ GAMES = 64
 WARM_UP = 40
 """Steps before the clock starts at most: contacts, which cost most, come when robots have fallen."""
 
-PICTURE = 64, 48
+Answer = dict[str, Any]
 
 
-def libraries(plugins: PluginRegistry) -> dict[str, Any]:
+class TrialError(Exception):
+    """A trial failed; the message says how, in one line."""
+
+
+def attempt(
+    probe: str,
+    *arguments: str,
+    plugin_files: Sequence[Path] = (),
+    environment: Mapping[str, str] | None = None,
+    patience: float = PATIENCE,
+) -> Answer:
+    """What the probe of that name gives.
+
+    Args:
+        probe: one of :data:`PROBES`.
+        arguments: handed to it after the plugins.
+        plugin_files: one-file plugins to load first.
+        environment: variables to set in its process.
+        patience: seconds it may take.
+
+    Raises:
+        TrialError: it raised, took too long, or its process died.
+    """
+    order = json.dumps([probe, [str(path) for path in plugin_files], arguments])
+    # -P: like the console script, it must not take the user's folder for a place of libraries
+    command = [sys.executable, "-P", "-m", "apil_core.cli.doctor_checks.probes", order]
+    try:
+        done = subprocess.run(
+            command,
+            env={**os.environ, **(environment or {})},
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=patience,
+            check=False,
+            stdin=subprocess.DEVNULL,
+        )
+    except subprocess.TimeoutExpired:
+        raise TrialError(f"no answer within {patience:.0f} s") from None
+    try:
+        answer = json.loads(_last_line(done.stdout))  # others may print too
+    except ValueError:
+        answer = None
+    if not isinstance(answer, dict):
+        raise TrialError(_end(done.returncode, done.stderr))
+    if "error" in answer:
+        raise TrialError(answer["error"])
+    return answer
+
+
+def _last_line(text: str) -> str:
+    return text.strip().rpartition("\n")[2]
+
+
+def _end(code: int, stderr: str) -> str:
+    if code >= 0:
+        return f"its process ended with exit code {code}: {_last_line(stderr) or 'no message'}"
+    known = {number.value: number.name for number in signal.Signals}
+    return f"its process was ended by {known.get(-code, f'signal {-code}')}"
+
+
+def libraries(plugins: PluginRegistry) -> Answer:
     """Import what training needs; what torch says of threads and GPUs."""
     begin = time.perf_counter()
     import apil_core.training.trainer  # noqa: F401  (the whole learner with it)
@@ -45,59 +108,53 @@ def libraries(plugins: PluginRegistry) -> dict[str, Any]:
     }
 
 
-def play(plugins: PluginRegistry, name: str, seconds: str) -> dict[str, Any]:
-    """Step games with random actions for about that time, at least once.
+def play(plugins: PluginRegistry, name: str, seconds: str) -> Answer:
+    """Step ``games`` together with random actions for about that time, at least once: ``rate``, steps/s."""
+    import numpy as np
 
-    Returns:
-        ``rate`` in environment steps per second, ``games`` stepped together, and whether it uses ``mujoco``.
-    """
+    from apil_core.plugins.registry import make_game
+
     game = make_game(name, num_envs=GAMES, threads=0, plugins=plugins)
+    rng, limit = np.random.default_rng(0), float(seconds)
+
+    def rate(steps: float) -> float:
+        """Over that many steps, or as many as fit into the time."""
+        begin, done = time.perf_counter(), 0
+        while done == 0 or (done < steps and time.perf_counter() - begin < limit):
+            first, second = (
+                rng.uniform(side.action_low, side.action_high, (GAMES, side.action_size)).astype(np.float32)
+                for side in game.layout.sides
+            )
+            game.reset(game.step((first, second)).done)
+            done += 1
+        return done * GAMES / (time.perf_counter() - begin)
+
     try:
-        return {"rate": _rate(game, float(seconds)), "games": GAMES, "mujoco": "mujoco" in sys.modules}
+        game.seed(0)
+        game.reset()
+        if limit > 0:
+            rate(WARM_UP)
+        return {"rate": rate(np.inf), "games": GAMES}
     finally:
         game.close()
 
 
-def _rate(game: Game, seconds: float) -> float:
-    rng = np.random.default_rng(0)
-    game.seed(0)
-    game.reset()
-
-    def run(steps: float) -> float:
-        """Steps per second over that many steps, or as many as fit into the time."""
-        begin, done = time.perf_counter(), 0
-        while done == 0 or (done < steps and time.perf_counter() - begin < seconds):
-            step = game.step(_actions(game, rng))
-            game.reset(step.done)
-            done += 1
-        return done * game.num_envs / (time.perf_counter() - begin)
-
-    if seconds > 0:
-        run(WARM_UP)
-    return run(np.inf)
-
-
-def _actions(game: Game, rng: np.random.Generator) -> tuple[Any, Any]:
-    first, second = (
-        rng.uniform(side.action_low, side.action_high, (game.num_envs, side.action_size)).astype(np.float32)
-        for side in game.layout.sides
-    )
-    return first, second
-
-
-def picture(plugins: PluginRegistry, name: str) -> dict[str, Any]:
+def picture(plugins: PluginRegistry, name: str) -> Answer:
     """Draw the beginning of a game; ``shades`` counts different values in the picture."""
+    import numpy as np
+
+    from apil_core.plugins.registry import make_game
+
     game = make_game(name, num_envs=1, plugins=plugins)
     try:
         game.seed(0)
         game.reset()
-        pixels = game.render(0, *PICTURE, ((0, 0, 255), (255, 0, 0)))
-        return {"shape": list(pixels.shape), "shades": len(np.unique(pixels))}
+        return {"shades": len(np.unique(game.render(0, 64, 48, ((0, 0, 255), (255, 0, 0)))))}
     finally:
         game.close()
 
 
-def victims(plugins: PluginRegistry) -> dict[str, Any]:
+def victims(plugins: PluginRegistry) -> Answer:
     """Load every policy that is listed as being here, and the one that ``auto`` means in each game.
 
     Returns:
@@ -105,7 +162,16 @@ def victims(plugins: PluginRegistry) -> dict[str, Any]:
         ``auto``: by game, the victim's name and the reason why it does not load or ``""``.
     """
     from apil_core.api.config import RunConfig
+    from apil_core.api.specs import load
+    from apil_core.plugins.registry import load_policy
     from apil_core.policies.seats import victim_name
+
+    def why_not(name: str) -> str:
+        try:
+            load_policy(name, plugins=plugins)
+        except Exception as error:  # a foreign loader may raise anything
+            return _reason(error)
+        return ""
 
     listed: dict[str, str | None] = {}
     for scheme, policies in plugins.policies.items():
@@ -114,35 +180,29 @@ def victims(plugins: PluginRegistry) -> dict[str, Any]:
         except Exception as error:
             listed[f"{scheme}:"] = _reason(error)
         else:
-            listed |= {row.name: _why_not(row.name, plugins) if row.available else None for row in rows}
-    auto = {}
-    for game in plugins.games.values():
-        if not game.family and game.default_victim:
-            name = victim_name(RunConfig(env=game.name), plugins)
-            auto[game.name] = {"name": name, "error": _why_not(name, plugins)}
+            listed |= {row.name: why_not(row.name) if row.available else None for row in rows}
+    named = [game.name for game in plugins.games.values() if not game.family and game.default_victim]
+    autos = {game: victim_name(RunConfig(env=game), plugins) for game in named}
+    auto = {game: {"name": name, "error": why_not(name)} for game, name in autos.items()}
     return {"listed": listed, "auto": auto}
 
 
-def _why_not(name: str, plugins: PluginRegistry) -> str:
-    try:
-        load_policy(name, plugins=plugins)
-    except Exception as error:  # a foreign loader may raise anything
-        return _reason(error)
-    return ""
-
-
 def _reason(error: Exception) -> str:
+    from apil_core.common.errors import ApilError
+
     text = " ".join(str(error).split()) or "no message"
     return text if isinstance(error, ApilError) else f"{type(error).__name__}: {text}"
 
 
-PROBES: dict[str, Callable[..., dict[str, Any]]] = {
+PROBES: dict[str, Callable[..., Answer]] = {
     probe.__name__: probe for probe in (libraries, play, picture, victims)
 }
 
 
 def main() -> None:
     """Run the probe named on the command line."""
+    from apil_core.plugins.discovery import discover
+
     name, plugin_files, arguments = json.loads(sys.argv[1])
     try:
         answer = PROBES[name](discover(plugin_files, forgiving=True), *arguments)
