@@ -16,6 +16,7 @@ from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
 from apil_core.common.errors import ApilError, RunDirError
+from apil_core.common.files import is_taken
 from apil_core.runs.retraining.config import RetrainConfig
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ def retrain(
     goes on from there, bit for bit.
     """
     flags = flags or RetrainFlags()
-    if out is not None and out.exists() and (not out.is_dir() or any(out.iterdir())):
+    if out is not None and is_taken(out):
         raise RunDirError(
             f"--out {out} exists and is not empty: nothing was changed; "
             f"choose another, or continue it with: apil resume {out}"

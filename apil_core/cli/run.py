@@ -14,6 +14,7 @@ from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
 from apil_core.common.errors import RunDirError
 from apil_core.common.extras import need
+from apil_core.common.files import is_taken
 from apil_core.common.numbers import number_list
 from apil_core.training.distributed.world import World
 
@@ -94,9 +95,7 @@ def _jobs(
 
 def _refuse_existing(directory: Path | None) -> None:
     """Before torch is imported: a mistyped --out should not cost seconds, nor the last of five seeds."""
-    if directory is None or not directory.exists():
-        return
-    if not directory.is_dir() or any(directory.iterdir()):
+    if directory is not None and is_taken(directory):
         raise RunDirError(
             f"--out {directory} exists and is not empty: nothing was changed; "
             f"choose another, or continue it with: apil resume {directory}"

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import BinaryIO
 
-from apil_core.common.errors import ConfigError, RunDirError
+from apil_core.common.errors import ApilError, ConfigError, RunDirError
 
 
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
@@ -64,3 +65,36 @@ def sha256(path: Path) -> str:
     """Hex digest of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def is_taken(directory: Path) -> bool:
+    """Whether anything is there but an empty directory."""
+    return directory.exists() and (not directory.is_dir() or any(directory.iterdir()))
+
+
+@contextmanager
+def locked(
+    file: Path, message: str, error: type[ApilError] = RunDirError, patience: float = 0.0
+) -> Iterator[None]:
+    """Hold ``file`` as a lock against other processes; a killed one lets go by itself.
+
+    Args:
+        file: the lock; its directory exists.
+        message: of the error.
+        error: its type.
+        patience: seconds to wait for another process.
+
+    Raises:
+        ApilError: another process still holds it.
+    """
+    from filelock import FileLock, Timeout
+
+    lock = FileLock(file)
+    try:
+        lock.acquire(timeout=patience)
+    except Timeout as reason:
+        raise error(message) from reason
+    try:
+        yield
+    finally:
+        lock.release()

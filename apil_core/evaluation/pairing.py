@@ -23,9 +23,9 @@ from apil_core.config.game import with_game_options
 from apil_core.config.observers import Observers, about, with_observers
 from apil_core.evaluation.play import Players, Seat
 from apil_core.evaluation.results import PolicyId, observers_played
-from apil_core.plugins.discovery import PluginRegistry, discover
+from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.hook_manager import RunHookManager
-from apil_core.plugins.registry import default_plugins, make_game
+from apil_core.plugins.registry import make_game, plugins_with
 from apil_core.policies.seats import BASELINES, Taking, load_victim, run_victim, victim_side
 from apil_core.training.build import check_device, observing_alone
 from apil_core.training.export.run_policy import SCHEME, Source, run_path
@@ -250,7 +250,7 @@ def _stored(
 
 def _plugins(configs: Sequence[RunConfig], plugin_files: Sequence[str]) -> PluginRegistry:
     files = [*(file for config in configs for file in config.plugins), *plugin_files]
-    return discover(list(dict.fromkeys(files))) if files else default_plugins()
+    return plugins_with(files)
 
 
 def _check_numbers(**numbers: tuple[int, int]) -> None:

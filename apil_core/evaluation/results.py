@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from pydantic import BaseModel
 
 from apil_core.api.config import ActionMode, BlindMode, RunConfig
+from apil_core.common.statistics import wilson_interval
 
 if TYPE_CHECKING:
     from apil_core.api.policy import PolicyInfo
@@ -88,11 +89,8 @@ class EvaluationResult(Circumstances):
 
 def wilson(count: int, total: int) -> Rate:
     """Share ``count / total`` with the Wilson score interval at 95 %."""
-    from statsmodels.stats.proportion import proportion_confint
-
-    low, high = proportion_confint(count, total, alpha=0.05, method="wilson")
-    # rounding leaves 4e-18 where the interval starts at nought
-    return Rate(value=count / total, low=max(float(low), 0.0) if count else 0.0, high=min(float(high), 1.0))
+    low, high = wilson_interval(count, total)
+    return Rate(value=count / total, low=float(low), high=float(high))
 
 
 def told(score: _Score, config: RunConfig) -> _Score:

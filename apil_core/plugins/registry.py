@@ -28,6 +28,15 @@ def default_plugins() -> PluginRegistry:
     return _default
 
 
+def plugins_with(files: Sequence[str]) -> PluginRegistry:
+    """The installed plugins and those of one-file plugins; each file counts once.
+
+    Raises:
+        PluginError: a file is broken.
+    """
+    return discover(list(dict.fromkeys(files))) if files else default_plugins()
+
+
 def game_spec(name: str, plugins: PluginRegistry | None = None) -> GameSpec:
     """The game of that name.
 

@@ -18,8 +18,8 @@ from apil_core.config.absent import completed
 from apil_core.config.layers import POLICY_NAME
 from apil_core.config.resolve import complete
 from apil_core.evaluation.progress import Progress
-from apil_core.plugins.discovery import PluginRegistry, discover
-from apil_core.plugins.registry import default_plugins
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import plugins_with
 from apil_core.runs.session import RunResult as RunResult
 from apil_core.runs.session import Session
 from apil_core.runs.warm_start import load_teacher
@@ -59,7 +59,7 @@ def run(
     Raises:
         ApilError: anything wrong in config, plugins, weights or directory, before training starts.
     """
-    registry = plugins or _plugins(config)
+    registry = plugins or plugins_with(config.plugins)
     # settings copied from another run bring the hash of that one's victim along
     config = complete(config, registry).model_copy(update={"victim_sha256": ""})
     with joined(config.device) as world:
@@ -100,7 +100,7 @@ def resume(
     """
     directory = RunDir(run_dir)
     stored = directory.config()
-    registry = _plugins(stored)
+    registry = plugins_with(stored.plugins)
     stored = completed(stored, registry)
     with joined(stored.device) as world, _held(directory, world):
         path = world.share(directory.checkpoint(checkpoint_path))
@@ -192,10 +192,6 @@ def _note_changed_schedules(trainer: Trainer, progress: Progress) -> None:
         bent.append("the dense reward's share")
     if bent:
         progress.note(f"a new number of steps changes the slope of {' and '.join(bent)} from here on")
-
-
-def _plugins(config: RunConfig) -> PluginRegistry:
-    return discover(config.plugins) if config.plugins else default_plugins()
 
 
 def _trainer(config: RunConfig, registry: PluginRegistry, world: World) -> Trainer:

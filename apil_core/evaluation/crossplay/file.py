@@ -7,10 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
-
 from apil_core.common.errors import ConfigError
-from apil_core.common.files import check_place
+from apil_core.common.files import check_place, locked
 from apil_core.evaluation.crossplay.document import CrossPlay, Player
 from apil_core.evaluation.crossplay.players import Lineup, settings
 from apil_core.evaluation.results import EvaluationResult
@@ -38,11 +36,12 @@ class CrossPlayFile:
         Raises:
             ConfigError: another one has it.
         """
-        try:
-            with FileLock(self.path.with_name(f".{self.path.name}.lock"), timeout=0):
-                yield
-        except Timeout as error:
-            raise ConfigError(f"{self.path}: another apil crossplay is writing to it") from error
+        with locked(
+            self.path.with_name(f".{self.path.name}.lock"),
+            f"{self.path}: another apil crossplay is writing to it",
+            ConfigError,
+        ):
+            yield
 
     def take(self, into: CrossPlay, lineup: Lineup, episodes: int) -> None:
         """Fill ``into`` with the pairings that are in the file.

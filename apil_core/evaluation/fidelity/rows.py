@@ -8,11 +8,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
 from pydantic import BaseModel, ValidationError, computed_field
 
 from apil_core.common.errors import ConfigError
-from apil_core.common.files import check_place, write_atomically
+from apil_core.common.files import check_place, locked, write_atomically
 from apil_core.common.statistics import Difference, difference
 from apil_core.config.game import spelt_out
 from apil_core.evaluation.fidelity.plan import RowPlan
@@ -43,12 +42,13 @@ class FidelityFile:
         Raises:
             ConfigError: another one has it.
         """
-        try:
-            with FileLock(self.path.with_name(f".{self.path.name}.lock"), timeout=0):
-                self.rows = _read(self.path)
-                yield
-        except Timeout as error:
-            raise ConfigError(f"{self.path}: another apil fidelity is writing to it") from error
+        with locked(
+            self.path.with_name(f".{self.path.name}.lock"),
+            f"{self.path}: another apil fidelity is writing to it",
+            ConfigError,
+        ):
+            self.rows = _read(self.path)
+            yield
 
     def played(
         self, plans: Iterable[RowPlan], plugins: PluginRegistry

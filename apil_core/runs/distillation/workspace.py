@@ -8,14 +8,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
 from pydantic import ValidationError
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torch import Tensor
 
 from apil_core.common.errors import RunDirError
-from apil_core.common.files import write_atomically
+from apil_core.common.files import is_taken, locked, write_atomically
 from apil_core.common.trust import named_in, remember
 from apil_core.runs.distillation.config import DistillConfig
 from apil_core.runs.distillation.report import Report
@@ -47,7 +46,7 @@ class Workspace:
         """
         space = cls(path)
         try:
-            if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            if is_taken(path):
                 raise RunDirError(
                     f"{path} exists and is not empty; choose another --out, "
                     f"or continue it with: apil distill --resume {path}"
@@ -85,11 +84,8 @@ class Workspace:
         Raises:
             RunDirError: another one works here.
         """
-        try:
-            with FileLock(self.path / ".lock", timeout=0):
-                yield
-        except Timeout as error:
-            raise RunDirError(f"another process is distilling in {self.path}") from error
+        with locked(self.path / ".lock", f"another process is distilling in {self.path}"):
+            yield
 
     def block_path(self, number: int) -> Path:
         """Where what was played in that round goes."""

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from apil_core.common.errors import RunDirError, VictimError
-from apil_core.common.files import write_atomically
+from apil_core.common.files import is_taken, write_atomically
 from apil_core.config.absent import read_stored
 from apil_core.config.kind import is_retraining
 from apil_core.config.layers import file_layer
@@ -49,7 +49,7 @@ class RetrainDir:
         """
         made = cls(out or _default_path(config))
         try:
-            if made.path.exists() and (not made.path.is_dir() or any(made.path.iterdir())):
+            if is_taken(made.path):
                 raise RunDirError(
                     f"{made.path} exists and is not empty; choose another --out, "
                     f"or continue it with: apil resume {made.path}"

@@ -12,8 +12,8 @@ from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.config.absent import with_absent
 from apil_core.config.problems import problems_of
 from apil_core.evaluation.progress import Progress
-from apil_core.plugins.discovery import PluginRegistry, discover
-from apil_core.plugins.registry import default_plugins
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import plugins_with
 from apil_core.runs.retraining.build import prepare
 from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.runs.retraining.folder import RetrainDir
@@ -51,7 +51,7 @@ def retrain(
     Raises:
         ApilError: anything wrong in settings, weights or directory, before anything is played.
     """
-    registry = plugins or _plugins(config)
+    registry = plugins or plugins_with(config.plugins)
     setting = prepare(config, registry)
     try:
         directory = RetrainDir.create(setting.config, out, command)
@@ -94,7 +94,7 @@ def resume(
         path = checkpoint_path or files.newest_checkpoint()
         state = checkpoint.read(path)
         config = _changed(stored, steps, threads)
-        registry = plugins or _plugins(config)
+        registry = plugins or plugins_with(config.plugins)
         _check_same(state, config, registry, path)
         ended = (space.result() or {}).get("status") == "finished"
         if ended and state["steps"] >= config.steps:
@@ -132,7 +132,3 @@ def _changed(config: RetrainConfig, steps: int | None, threads: int | None) -> R
     except ValidationError as error:
         problem = problems_of(error, RetrainConfig)[0]
         raise ConfigError(f"--{'.'.join(map(str, problem.key))}: {problem.reason}") from error
-
-
-def _plugins(config: RetrainConfig) -> PluginRegistry:
-    return discover(config.plugins) if config.plugins else default_plugins()

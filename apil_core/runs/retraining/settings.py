@@ -15,8 +15,8 @@ from apil_core.config.game import game_model, profile_problems, settled
 from apil_core.config.layers import Layer, flag_layer, merge, set_layer
 from apil_core.config.problems import problems_of, raise_problems
 from apil_core.plugins.default_victim import default_victim
-from apil_core.plugins.discovery import PluginRegistry, discover
-from apil_core.plugins.registry import default_plugins
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import plugins_with
 from apil_core.policies.seats import victim_name, victim_side
 from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.runs.retraining.tally import MIXED
@@ -51,7 +51,7 @@ def settings(
         raise ConfigError("an adversary is named twice")
     runs = {name: source.run_dir.config() for name, source in sources.items() if source is not None}
     files = tuple(dict.fromkeys(file for run in runs.values() for file in run.plugins))
-    plugins = plugins or (discover(files) if files else default_plugins())
+    plugins = plugins or plugins_with(files)
     flags = {key: value for key, value in (flags or {}).items() if value is not None}
     base = {
         **_from_runs(runs, plugins, victim_given="victim" in flags),

@@ -19,8 +19,7 @@ from apil_core.evaluation.crossplay.players import (
 )
 from apil_core.evaluation.pairing import load_pairing
 from apil_core.evaluation.progress import PartOfAll, Progress
-from apil_core.plugins.discovery import discover
-from apil_core.plugins.registry import default_plugins
+from apil_core.plugins.registry import plugins_with
 from apil_core.studies.activations.recording import Recorded, check_told, record
 
 BASELINE = "baseline"
@@ -107,7 +106,7 @@ def record_all(opponents: Opponents, games: int, seed: int, progress: Progress) 
 
 def _baseline_of(env: str, runs: Sequence[RunConfig], options: SharedOptions) -> str:
     files = [*(file for config in runs for file in config.plugins), *options.get("plugin_files", ())]
-    plugins = options.get("plugins") or (discover(files) if files else default_plugins())
+    plugins = options.get("plugins") or plugins_with(files)
     name = plugins.game(env).baseline_adversary
     if name is None:
         raise ConfigError(f"game {env} has no baseline adversary of its own: name one with --baseline")

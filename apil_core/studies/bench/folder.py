@@ -9,10 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from filelock import FileLock, Timeout
-
 from apil_core.common.errors import RunDirError
-from apil_core.common.files import write_atomically
+from apil_core.common.files import locked, write_atomically
 from apil_core.common.trust import remember
 from apil_core.studies.bench.matrix import Matrix, load_matrix
 from apil_core.training.storage.run_dir import RunDir
@@ -197,11 +195,8 @@ class BenchDir:
             RunDirError: another one is at work here.
         """
         self.path.mkdir(parents=True, exist_ok=True)
-        try:
-            with FileLock(self.path / ".lock", timeout=0):
-                yield
-        except Timeout as error:
-            raise RunDirError(f"another process is running the benchmark in {self.path}") from error
+        with locked(self.path / ".lock", f"another process is running the benchmark in {self.path}"):
+            yield
 
 
 def score_path(directory: Path, name: str) -> Path:

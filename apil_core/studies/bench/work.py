@@ -8,10 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
-from filelock import FileLock, Timeout
-
 from apil_core.api.config import RunConfig
 from apil_core.common.errors import ConfigError, RunDirError
+from apil_core.common.files import locked
 from apil_core.config.game import without_physics
 from apil_core.config.resolve import differences
 from apil_core.evaluation.progress import Progress
@@ -75,15 +74,9 @@ def _alone(bench: BenchDir, name: str) -> Iterator[None]:
         RunDirError: it goes on and on.
     """
     bench.logs.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(bench.logs / f".{name.replace('/', '_')}.lock")
-    try:
-        lock.acquire(timeout=_PATIENCE)
-    except Timeout as error:
-        raise RunDirError(f"another process has been at {name} for {_PATIENCE:.0f} s more") from error
-    try:
+    message = f"another process has been at {name} for {_PATIENCE:.0f} s more"
+    with locked(bench.logs / f".{name.replace('/', '_')}.lock", message, patience=_PATIENCE):
         yield
-    finally:
-        lock.release()
 
 
 class _Worker:

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from apil_core.common.errors import ConfigError, RunDirError
+from apil_core.common.statistics import wilson_interval
 from apil_core.config.game import stored_physics
 from apil_core.evaluation.results import EvaluationResult, Rate
 from apil_core.training.episode_stats import WINDOW
@@ -126,21 +127,12 @@ def shares(rows: Sequence[dict[str, float]], prefix: str) -> dict[str, Line]:
     games, wins, ties = (
         np.array([row[f"{prefix}{name}"] for row in kept]) for name in ("games", "wins", "ties")
     )
-    return {
-        name: Line(
-            steps=steps,
-            value=(count / games).tolist(),
-            **dict(zip(("low", "high"), _wilson(count, games), strict=True)),
-        )
-        for name, count in ((WIN, wins), (WIN_OR_TIE, wins + ties))
-    }
-
-
-def _wilson(counts: np.ndarray, games: np.ndarray) -> tuple[list[float], list[float]]:
-    from statsmodels.stats.proportion import proportion_confint
-
-    low, high = proportion_confint(counts, games, alpha=0.05, method="wilson")
-    return np.clip(low, 0, 1).tolist(), np.clip(high, 0, 1).tolist()
+    lines = {}
+    for name, count in ((WIN, wins), (WIN_OR_TIE, wins + ties)):
+        low, high = wilson_interval(count, games)
+        value = (count / games).tolist()
+        lines[name] = Line(steps=steps, value=value, low=low.tolist(), high=high.tolist())
+    return lines
 
 
 def _returns(rows: Sequence[dict[str, float]]) -> Line:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot
 
 import numpy as np
 
-from apil_core.common.statistics import Difference
+from apil_core.common.statistics import Difference, mean_interval, newcombe
 from apil_core.evaluation.results import Rate, wilson
 from apil_core.studies.report.models import Share, Verdict
 
@@ -27,13 +26,11 @@ def share(counts: Sequence[int], games: Sequence[int]) -> Share:
     Args:
         counts, games: one of each per seed, at least one; games are positive.
     """
-    from statsmodels.stats.weightstats import DescrStatsW
-
     values = [count / total for count, total in zip(counts, games, strict=True)]
     pooled = wilson(sum(counts), sum(games))
     low, high = pooled.low, pooled.high
     if len(values) >= ENOUGH_SEEDS:
-        seeds = DescrStatsW(values).tconfint_mean()
+        seeds = mean_interval(values)
         low, high = max(0.0, min(low, seeds[0])), min(1.0, max(high, seeds[1]))
     mean = float(np.mean(values))
     return Share(
@@ -55,10 +52,9 @@ def compared(measured: Share | Rate, base: Share | Rate) -> Difference:
     intervals than Wilson's known as MOVER, Zou and Donner 2008). With Wilson's intervals it is exactly the
     interval of :func:`apil_core.common.statistics.difference`; with those over seeds it covers seeds as well.
     """
-    value = measured.value - base.value
-    low = value - hypot(measured.value - measured.low, base.high - base.value)
-    high = value + hypot(measured.high - measured.value, base.value - base.low)
-    return Difference(value=value, low=low, high=high, within_noise=low <= 0 <= high)
+    pair = ((each.value, (each.low, each.high)) for each in (measured, base))
+    (value, interval), (base_value, base_interval) = pair
+    return newcombe(value, interval, base_value, base_interval)
 
 
 def published_rate(fraction: float, games: int) -> Rate:

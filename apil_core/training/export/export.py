@@ -25,8 +25,8 @@ from apil_core.common.extras import need
 from apil_core.common.files import write_atomically
 from apil_core.common.seeds import stream_seed
 from apil_core.config.absent import completed
-from apil_core.plugins.discovery import PluginRegistry, discover
-from apil_core.plugins.registry import default_plugins, load_policy, make_game
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import load_policy, make_game, plugins_with
 from apil_core.policies.seats import victim_side
 from apil_core.training.export.adversary_file import to_bytes, without_folders
 from apil_core.training.export.run_policy import Source, run_path
@@ -100,8 +100,7 @@ def export(
     if format == "onnx":
         need("onnxruntime")  # each is tried in it
     config = source.run_dir.config().model_copy(update={"device": "cpu"})
-    files = [*config.plugins, *plugin_files]
-    plugins = discover(files) if files else default_plugins()
+    plugins = plugins_with([*config.plugins, *plugin_files])
     config = completed(config, plugins)
     game = make_game(config.env, num_envs=_GAMES, threads=1, options=config.game, plugins=plugins)
     try:

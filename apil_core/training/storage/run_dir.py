@@ -14,11 +14,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
-
 from apil_core.api.config import RunConfig
 from apil_core.common.errors import RunDirError
-from apil_core.common.files import write_atomically
+from apil_core.common.files import is_taken, locked, write_atomically
 from apil_core.common.trust import remember
 from apil_core.config.kind import is_retraining
 from apil_core.plugins.discovery import PluginRegistry
@@ -59,7 +57,7 @@ class RunDir:
         """
         run_dir = cls(out or _default_path(config))
         try:
-            if run_dir.path.exists() and (not run_dir.path.is_dir() or any(run_dir.path.iterdir())):
+            if is_taken(run_dir.path):
                 raise RunDirError(
                     f"{run_dir.path} exists and is not empty; choose another --out, "
                     f"or continue it with: apil resume {run_dir.path}"
@@ -178,11 +176,8 @@ class RunDir:
         Raises:
             RunDirError: another process is training here.
         """
-        try:
-            with FileLock(self.path / ".lock", timeout=0):
-                yield
-        except Timeout as error:
-            raise RunDirError(f"another process is training in {self.path}") from error
+        with locked(self.path / ".lock", f"another process is training in {self.path}"):
+            yield
 
     def prune(self, keep: int) -> None:
         """Delete all but the newest ``keep`` checkpoints, and parts of those that never became whole."""

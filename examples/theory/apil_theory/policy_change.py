@@ -11,9 +11,10 @@ import numpy as np
 from pydantic import BaseModel
 
 from apil_core.common.errors import ConfigError, RunDirError
+from apil_core.common.statistics import mean_interval
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.plugins.discovery import PluginRegistry, discover
-from apil_core.plugins.registry import default_plugins
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import plugins_with
 from apil_core.studies.theory.bounds import lemma_bound
 from apil_core.training.storage.run_dir import RunDir
 
@@ -86,7 +87,7 @@ def policy_changes(
             "train with checkpoint.keep=2 or more"
         )
     config = run.config()
-    plugins = plugins or (discover(config.plugins) if config.plugins else default_plugins())
+    plugins = plugins or plugins_with(config.plugins)
     followers: Sequence[Path | None] = [*paths[1:], None]
     with one_torch_thread():
         played = [
@@ -118,16 +119,14 @@ def _compare(before: ComparedGames, after: ComparedGames) -> PolicyChange:
 
 
 def _mean(values: np.ndarray) -> Estimate:
-    from statsmodels.stats.weightstats import DescrStatsW
-
-    return _estimate(float(values.mean()), DescrStatsW(values).tconfint_mean())
+    return _estimate(float(values.mean()), mean_interval(values))
 
 
 def _difference(new: np.ndarray, old: np.ndarray) -> Estimate:
-    from statsmodels.stats.weightstats import CompareMeans
+    from scipy.stats import ttest_ind
 
-    interval = CompareMeans.from_data(new, old).tconfint_diff(usevar="unequal")
-    return _estimate(float(new.mean() - old.mean()), interval)
+    interval = ttest_ind(new, old, equal_var=False).confidence_interval()
+    return _estimate(float(new.mean() - old.mean()), (interval.low, interval.high))
 
 
 def _estimate(value: float, interval: tuple[float, float]) -> Estimate:
