@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rich.live import Live
 from rich.table import Table
 
-from apil_core.cli.output import console, print_json, table
+from apil_core.cli.output import console, print_json, say, table
 from apil_core.cli.readout import duration, outcomes
 from apil_core.studies.bench.jobs import CELL, RETRAINING, Job, Ledger
 from apil_core.studies.bench.schedule import Course, State, Watch, jobs_done
@@ -45,11 +45,7 @@ class LineWatch(QuietWatch):
         self._total = len(jobs)
         self._ended = 0
         kept = len(jobs_done(jobs, ledger))
-        print(
-            f"{self._total} jobs in {ledger.bench.path}, {kept} of them done before",
-            file=sys.stderr,
-            flush=True,
-        )
+        say(f"{self._total} jobs in {ledger.bench.path}, {kept} of them done before")
         self._kept = kept
 
     def ended(self, job: Job, state: State, reason: str) -> None:
@@ -57,11 +53,11 @@ class LineWatch(QuietWatch):
         self._ended += 1
         why = f": {reason}" if reason else ""
         count = f"{self._kept + self._ended} of {self._total}"
-        print(f"{time.strftime('%H:%M:%S')} {count}: {job.name} {state}{why}", file=sys.stderr, flush=True)
+        say(f"{time.strftime('%H:%M:%S')} {count}: {job.name} {state}{why}")
 
     def stopping(self, at_once: bool) -> None:
         """See :class:`Watch`."""
-        print(_STOPPING[at_once], file=sys.stderr, flush=True)
+        say(_STOPPING[at_once])
 
 
 class TableWatch(QuietWatch):

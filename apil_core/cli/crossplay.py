@@ -157,7 +157,7 @@ def print_crossplay(document: CrossPlay, out: Path | None = None, picture: Path 
     title = f"{document.env}, {some.episodes:,} games a cell, the adversary's share{physics(some)}"
     screen.print(title, style="bold", markup=False)
     marks = _marks(document)
-    shown = table("adversary", "", *(f"{_plain(player.label)}>" for player in document.victims))
+    shown = table("adversary", "", *(f"{player.label}>" for player in document.victims))
     for i, adversary in enumerate(document.adversaries):
         for share in SHARES:
             cells = []
@@ -166,9 +166,7 @@ def print_crossplay(document: CrossPlay, out: Path | None = None, picture: Path 
                 mark = marks.get((share, adversary.label, victim.label), "")
                 cells.append("–" if score is None else f"{percent(share_of(score, share))} {mark}".rstrip())
             first = share == SHARES[0]
-            shown.add_row(
-                _plain(adversary.label) if first else "", share.replace("_or_", "+"), *map(_plain, cells)
-            )
+            shown.add_row(adversary.label if first else "", share.replace("_or_", "+"), *cells)
     screen.print(shown)
     for line in _legend(document):
         screen.print(line, markup=False)
@@ -206,10 +204,3 @@ def _legend(document: CrossPlay) -> list[str]:
     if len(document.victims) > 1:
         lines.append(f"{_LEFT} no more than noise from the same adversary against {original} (Newcombe 95 %)")
     return lines
-
-
-def _plain(text: str) -> str:
-    """Brackets as they are, not as markup."""
-    from rich.markup import escape
-
-    return escape(text)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from apil_core.cli.flags import Json
-from apil_core.cli.output import console, print_json, table
+from apil_core.cli.output import console, print_json, styled, table
 
 if TYPE_CHECKING:
     from apil_core.cli.doctor_checks import Report, Status
@@ -53,17 +53,18 @@ def _examined(plugin: list[Path], quick: bool) -> Report:
 
 
 def _print(report: Report) -> None:
-    from rich.markup import escape
+    from rich.text import Text
 
     out = console()
     rows = table("", "what", "found")
     rows.columns[-1].overflow = "fold"  # names of victims are long words
     for finding in report.findings:
-        status = f"[{_COLOURS[finding.status]}]{finding.status}[/]"
-        found = escape(finding.detail)
+        status = styled(finding.status, _COLOURS[finding.status])
+        found = styled(finding.detail, "")
         if finding.remedy:  # a row in a pipe must stay one line
-            found += ("\n" if out.is_terminal else "  ") + f"[bold]→ {escape(finding.remedy)}[/]"
-        rows.add_row(status, escape(finding.check), found)
+            space = "\n" if out.is_terminal else "  "
+            found = Text.assemble(found, space, styled(f"→ {finding.remedy}", "bold"))
+        rows.add_row(status, finding.check, found)
     out.print(rows)
     counts = Counter(finding.status for finding in report.findings)
     out.print(f"apil {report.version}: " + ", ".join(f"{status} {counts[status]}" for status in _COLOURS))

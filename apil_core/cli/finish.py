@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Any
 
 from apil_core.cli.guard import INTERRUPTED, complain
+from apil_core.cli.output import say
 from apil_core.training.distributed.world import World
 
 if TYPE_CHECKING:
@@ -89,5 +89,5 @@ def exit_code(result: RunResult, world: World) -> int:
         return 0
     if world.is_main:
         how = f"continue with: {world.command} resume {result.run_dir}"
-        print(f"apil: interrupted at {result.steps} steps; {how}", file=sys.stderr)
+        say(f"apil: interrupted at {result.steps} steps; {how}")
     return INTERRUPTED

@@ -9,6 +9,7 @@ import time
 import traceback
 from typing import TYPE_CHECKING
 
+from apil_core.cli.output import say
 from apil_core.common.errors import ApilError, ConfigError
 from apil_core.common.extras import missing
 from apil_core.common.trust import begin
@@ -56,7 +57,7 @@ def complain(message: str, code: int) -> int:
     """Print ``apil: message`` on stderr, each of several mistakes on its own line."""
     who = _in_turn()
     for line in message.splitlines() or ["unknown error"]:
-        print(f"apil: {who}{line}", file=sys.stderr)
+        say(f"apil: {who}{line}")
     return code
 
 

@@ -22,6 +22,7 @@ from rich.text import Text
 from apil_core.cli import readout
 from apil_core.cli.output import console
 from apil_core.cli.plain import ConsoleProgress
+from apil_core.common.visible import visible
 
 if TYPE_CHECKING:
     from apil_core.api.config import RunConfig
@@ -59,7 +60,7 @@ class LiveProgress(ConsoleProgress):
 
     def started(self, config: RunConfig, run_dir: Path, victim: str, steps_done: int) -> None:
         """Headline and an empty bar."""
-        self._console.print(Text(self.headline(config, run_dir, victim, steps_done)))
+        self.note(self.headline(config, run_dir, victim, steps_done))
         self._training = self._bars.add_task("training", total=config.steps, completed=steps_done)
         self._refresh()
 
@@ -86,7 +87,7 @@ class LiveProgress(ConsoleProgress):
 
     def note(self, text: str) -> None:
         """A line above the live part."""
-        self._console.print(Text(text))
+        self._console.print(Text(visible(text)))
 
     def finished(self, run_dir: Path) -> None:
         """Freeze the view."""
@@ -127,5 +128,5 @@ def status_table(metrics: dict[str, float], endings: readout.Endings) -> Table:
     grid.add_column()
     for name, text in rows.items():
         if text:
-            grid.add_row(name, Text(text))
+            grid.add_row(name, Text(visible(text)))
     return grid

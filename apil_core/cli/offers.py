@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from apil_core.cli.flags import Json, Plugins
-from apil_core.cli.output import console, print_json, table
+from apil_core.cli.output import console, print_json, styled, table
 
 if TYPE_CHECKING:
+    from rich.text import Text
+
     from apil_core.plugins.check import PluginReport
     from apil_core.plugins.discovery import PluginRecord, PluginRegistry
 
@@ -33,7 +35,7 @@ def plugins(*, plugin: Plugins | None = None, check: _Check = False, as_json: Js
     else:
         rows = table("plugin", "version", "hook API", "offers", "hooks", "origin")
         for record in records:
-            offers = f"[red]{_escaped(record.error)}[/]" if record.error else _offers(record)
+            offers = styled(record.error, "red") if record.error else _offers(record)
             stated = _stated(record.hook_api)
             rows.add_row(record.name, record.version, stated, offers, ", ".join(record.hooks), record.origin)
         console().print(rows)
@@ -98,19 +100,19 @@ def _checked(plugin: list | None, as_json: bool) -> int:
         print_json([asdict(report) for report in reports])
     else:
         for line in (line for report in reports for line in _lines(report)):
-            console().print(line)
+            console().print(*line, sep="")
     return int(any(report.broken for report in reports))
 
 
-def _lines(report: PluginReport) -> Iterator[str]:
+def _lines(report: PluginReport) -> Iterator[tuple[Text, str]]:
     """One line per plugin that works, per reason why one does not, and per remark."""
     for reason in report.broken:
-        yield f"[red]broken[/]  {report.name}: {_escaped(reason)}"
+        yield styled("broken", "red"), f"  {report.name}: {reason}"
     if not report.broken:
         version = f"{report.name} {report.version}".strip()
-        yield f"[green]works[/]   {version} (hook API {_stated(report.hook_api)})"
+        yield styled("works", "green"), f"   {version} (hook API {_stated(report.hook_api)})"
     for remark in report.remarks:
-        yield f"[yellow]remark[/]  {report.name}: {_escaped(remark)}"
+        yield styled("remark", "yellow"), f"  {report.name}: {remark}"
 
 
 def _stated(version: int | None) -> str:
@@ -132,9 +134,3 @@ def _offers(record: PluginRecord) -> str:
         "recorders": record.recorders,
     }
     return "; ".join(f"{kind}: {', '.join(names)}" for kind, names in kinds.items() if names)
-
-
-def _escaped(text: str) -> str:
-    from rich.markup import escape
-
-    return escape(text)

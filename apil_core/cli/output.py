@@ -6,9 +6,12 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
+from apil_core.common.visible import visible
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
 
 _UNFOLDED = 2000
@@ -16,12 +19,33 @@ _UNFOLDED = 2000
 
 
 def console(*, stderr: bool = False) -> Console:
-    """A rich console; plain text without colour or folding when the stream is not a terminal."""
+    """A rich console; plain text without colour or folding when the stream is not a terminal.
+
+    Texts are shown as they are, without markup and emoji; :func:`styled` has colour.
+    """
     from rich.console import Console
+
+    class Screen(Console):
+        def render_str(self, text: str, **how: Any) -> Text:
+            return super().render_str(visible(text), **how)
 
     stream = sys.stderr if stderr else sys.stdout
     width = None if stream.isatty() else _UNFOLDED
-    return Console(file=stream, width=width, highlight=False, soft_wrap=not stream.isatty())
+    return Screen(
+        file=stream, width=width, highlight=False, markup=False, emoji=False, soft_wrap=not stream.isatty()
+    )
+
+
+def styled(text: str, style: str) -> Text:
+    """Text in a colour."""
+    from rich.text import Text
+
+    return Text(visible(text), style)
+
+
+def say(text: str) -> None:
+    """A line on stderr."""
+    print(visible(text), file=sys.stderr, flush=True)
 
 
 def table(*columns: str) -> Table:
@@ -39,4 +63,4 @@ def print_json(value: Any) -> None:
     """The one JSON document of a ``--json`` command."""
     if hasattr(value, "model_dump"):
         value = value.model_dump(mode="json")
-    print(json.dumps(value, indent=2, default=str, ensure_ascii=False))
+    print(visible(json.dumps(value, indent=2, default=str, ensure_ascii=False)))

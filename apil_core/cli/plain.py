@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
+from apil_core.common.visible import visible
 from apil_core.evaluation.progress import Progress
 from apil_core.training.distributed.world import World
 
@@ -84,7 +85,7 @@ class PlainProgress(ConsoleProgress):
 
     def note(self, text: str) -> None:
         """One line, at once."""
-        print(text, file=self.stream, flush=True)
+        print(visible(text), file=self.stream, flush=True)
 
     def _line(self, metrics: dict[str, float]) -> str:
         steps, total = metrics["steps"], metrics["total_steps"]

@@ -12,7 +12,7 @@ from cyclopts import Group, Parameter
 from apil_core.api.profiles import Profile
 from apil_core.cli.flags import PHYSICS_HELP, Json, Quiet, count
 from apil_core.cli.guard import INTERRUPTED, complain
-from apil_core.cli.output import console, print_json, table
+from apil_core.cli.output import console, print_json, say, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
 from apil_core.common.errors import ApilError, RunDirError
@@ -150,7 +150,7 @@ def finish(result: RetrainResult, *, as_json: bool) -> int:
         _draw_curve(result, silent=as_json)
         return 0
     how = f"continue with: apil resume {result.directory}"
-    print(f"apil: interrupted at {result.steps} steps; {how}", file=sys.stderr)
+    say(f"apil: interrupted at {result.steps} steps; {how}")
     return INTERRUPTED
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,7 +9,7 @@ from cyclopts import Parameter
 
 from apil_core.cli.app import sub_app
 from apil_core.cli.flags import Json
-from apil_core.cli.output import console, print_json, table
+from apil_core.cli.output import console, print_json, say, table
 from apil_core.cli.readout import game_name, percent
 from apil_core.common.errors import ConfigError, RunDirError
 
@@ -60,7 +59,7 @@ def compare(
 
     result = side_by_side([RunDir(directory) for directory in directories])
     for warning in result.warnings:
-        print(f"apil: {warning}", file=sys.stderr)
+        say(f"apil: {warning}")
     if as_json:
         print_json(result)
     else:

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from apil_core.cli.app import sub_app
 from apil_core.cli.flags import Json, Plugins
-from apil_core.cli.output import console, print_json, table
+from apil_core.cli.output import console, print_json, styled, table
 
 if TYPE_CHECKING:
     from apil_core.api.specs import PolicyListing
@@ -32,7 +32,7 @@ def list_(*, plugin: Plugins | None = None, as_json: Json = False) -> None:
         return
     shown = table("victim", "here", "sha256", "provenance")
     for row in rows:
-        here = "[green]yes[/]" if row.available else "no"
+        here = styled("yes", "green") if row.available else "no"
         shown.add_row(row.name, here, row.sha256[:12], row.provenance)
     out = console()
     out.print(shown)

@@ -20,6 +20,7 @@ from typing import Any
 import platformdirs
 
 from apil_core.common.errors import ApilError, ConfigError
+from apil_core.common.visible import visible
 
 FLAG = "--trust"
 _RECORD = "code-that-ran.jsonl"
@@ -79,7 +80,7 @@ def check(name: str, trusted: bool = True, error: type[ApilError] = ConfigError)
             "Python: apil_core.trust)"
         )
     if files and name not in _ran and os.environ.get("RANK", "0") == "0":
-        print(f"apil: loads code: {name}, named by {where} ({why})", file=sys.stderr)
+        print(visible(f"apil: loads code: {name}, named by {where} ({why})"), file=sys.stderr)
     _ran.add(name)
 
 

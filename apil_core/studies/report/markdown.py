@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
+from apil_core.common.visible import visible
 from apil_core.studies.report.models import Cell, Claim, Evidence, Figure, Setting, Table
 from apil_core.studies.report.words import percent, several
 
@@ -16,7 +17,7 @@ LEGEND = (
 
 def markdown_table(evidence: Evidence, table: Table) -> str:
     """One table with its setting, its notes and its legend."""
-    return "\n".join(_table_lines(table, evidence.setting(table.setting))) + "\n"
+    return _document(_table_lines(table, evidence.setting(table.setting)))
 
 
 def _table_lines(table: Table, setting: Setting) -> Iterator[str]:
@@ -57,7 +58,13 @@ def figure_text(cell: Cell, figure: Figure) -> str:
 
 def markdown_report(evidence: Evidence) -> str:
     """Warnings, tables, claims, method against method, endings, what is missing, where it comes from."""
-    return "\n".join(_report_lines(evidence)) + "\n"
+    return _document(_report_lines(evidence))
+
+
+def _document(lines: Iterable[str]) -> str:
+    """The lines, in which names and reasons are text: no HTML, no link."""
+    text = visible("".join(f"{' '.join(line.splitlines())}\n" for line in lines))
+    return text.replace("<", "&lt;").replace("](", "]\\(")
 
 
 def _report_lines(evidence: Evidence) -> Iterator[str]:

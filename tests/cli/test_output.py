@@ -1,0 +1,52 @@
+"""Names of others on the screen and in reports: text, never markup, control codes, formulas or links."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from report.page_sample import evidence
+
+from apil_core.cli.output import console, print_json, styled, table
+from apil_core.cli.plain import PlainProgress
+from apil_core.studies.report.markdown import markdown_report, markdown_table
+from apil_core.studies.report.tables import csv_text
+from cli.cli_helpers import Apil
+
+NAME = "python:snake:play [x] [/b] \x1b[2J\x9b\u202e\udc80"
+SHOWN = r"python:snake:play [x] [/b] \u001b[2J\u009b\u202e\udc80"
+
+
+def test_names_are_shown_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = table("name", NAME)
+    rows.add_row(NAME, styled(NAME, "red"))
+    console().print(rows)
+    console().print(NAME)
+    print_json({"name": NAME})
+    PlainProgress().note(NAME)
+    out, err = capsys.readouterr()
+    assert out.count(SHOWN) == 5
+    assert err == f"{SHOWN}\n"
+    assert json.loads(out[out.index("{") :])["name"] == NAME
+
+
+def test_errors_are_shown_as_they_are(apil: Apil, tmp_path: Path) -> None:
+    done = apil("resume", NAME)
+    assert (done.code, done.err.startswith(f"apil: {SHOWN} is no run directory")) == (2, True)
+    (tmp_path / NAME).mkdir(parents=True)
+    (tmp_path / NAME / "config.yaml").write_text("nothing")
+    listed = apil("runs", "list", ".")
+    assert (listed.code, SHOWN in listed.out, listed.err) == (0, True, "")
+
+
+def test_a_report_has_no_formula_html_or_link() -> None:
+    assert csv_text([{"a": "=1+1", "b": "-x", "c": -0.5, "d": "@x", "e": "+1", "f": "a=1"}]) == (
+        "a,b,c,d,e,f\n'=1+1,'-x,-0.5,'@x,'+1,a=1\n"
+    )
+    nasty = "<img src=x>[a](javascript:alert(1))\n# head"
+    found = evidence().model_copy(update={"title": nasty})
+    table = found.tables[0].model_copy(update={"title": nasty})
+    for text in (markdown_report(found), markdown_table(found, table)):
+        assert r"&lt;img src=x>[a]\(javascript:alert(1)) # head" in text.splitlines()[0]
+        assert "<" not in text
