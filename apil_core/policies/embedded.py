@@ -13,7 +13,7 @@ from apil_core.common.errors import UnknownNameError
 from apil_core.policies.student import provenance_of
 
 if TYPE_CHECKING:
-    from apil_core.policies.student import StudentPolicy
+    from apil_core.policies.frozen_policy import FrozenPolicy
 
 SCHEME = "embedded"
 
@@ -45,7 +45,7 @@ def _listing(name: str, path: Path) -> PolicyListing:
     return PolicyListing(f"{SCHEME}:{name}", True, metadata.get("weights_sha256", ""), source)
 
 
-def load(name: str) -> StudentPolicy:
+def load(name: str) -> FrozenPolicy:
     """A fresh policy on the CPU.
 
     Args:

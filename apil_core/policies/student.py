@@ -17,7 +17,8 @@ from safetensors.torch import save
 from apil_core.api.policy import PolicyInfo
 from apil_core.common.errors import VictimError
 from apil_core.common.files import write_atomically
-from apil_core.policies.student_policy import Kind, StudentPolicy, StudentShape, Weights
+from apil_core.policies.frozen_policy import FrozenPolicy
+from apil_core.policies.network import Kind, NetworkShape, Weights
 
 FORMAT = "apil-student-1"
 """Metadata ``format`` of the files; the number is raised when older code could misread one."""
@@ -32,7 +33,7 @@ def weights_sha256(weights: Weights) -> str:
     return digest.hexdigest()
 
 
-def save_file(path: Path, shape: StudentShape, weights: Weights, provenance: Mapping[str, Any]) -> None:
+def save_file(path: Path, shape: NetworkShape, weights: Weights, provenance: Mapping[str, Any]) -> None:
     """Write a student.
 
     Args:
@@ -51,7 +52,7 @@ def save_file(path: Path, shape: StudentShape, weights: Weights, provenance: Map
     write_atomically(path, lambda file: file.write(content))
 
 
-def load_file(path: Path, name: str) -> StudentPolicy:
+def load_file(path: Path, name: str) -> FrozenPolicy:
     """Read what :func:`save_file` wrote.
 
     Args:
@@ -75,23 +76,23 @@ def load_file(path: Path, name: str) -> StudentPolicy:
     info = PolicyInfo(
         name, metadata["weights_sha256"], shape.observation_size, shape.action_size, provenance_of(metadata)
     )
-    return StudentPolicy(info, shape, weights)
+    return FrozenPolicy(info, shape, weights)
 
 
-def _shape(metadata: Mapping[str, str], where: str) -> StudentShape:
+def _shape(metadata: Mapping[str, str], where: str) -> NetworkShape:
     found = metadata.get("format", "none")
     if found != FORMAT:
         raise VictimError(f"{where} has format {found!r}, expected {FORMAT!r}")
     try:
         values = json.loads(metadata["shape"])
-        shape = StudentShape(**{**values, "hidden": tuple(values["hidden"])})
+        shape = NetworkShape(**{**values, "hidden": tuple(values["hidden"])})
         _plausible(shape)
     except (KeyError, TypeError, ValueError) as error:
         raise VictimError(f"{where}: its metadata are damaged ({error})") from error
     return shape
 
 
-def _plausible(shape: StudentShape) -> None:
+def _plausible(shape: NetworkShape) -> None:
     """What the tensors' sizes do not tell.
 
     Raises:
@@ -103,7 +104,7 @@ def _plausible(shape: StudentShape) -> None:
         raise ValueError(f"clip {shape.clip!r} is no positive number")
 
 
-def _verify(weights: Weights, shape: StudentShape, metadata: Mapping[str, str], where: str) -> None:
+def _verify(weights: Weights, shape: NetworkShape, metadata: Mapping[str, str], where: str) -> None:
     expected = shape.tensors()
     for name, size in expected.items():
         if name not in weights:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import pickletools
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from apil_core.common.errors import VictimError
 from apil_core.policies import zoo_cache as cache
 from apil_core.policies import zoo_catalogue as catalogue
-from apil_core.policies.unpickle import read_vector
 from apil_core.policies.zoo_catalogue import ZooEntry
 from apil_core.policies.zoo_layout import Vector, split, tensor_shapes, vector_length
 
@@ -104,12 +106,10 @@ def convert(entry: ZooEntry, data: bytes, source: str) -> tuple[dict[str, Vector
     :func:`apil_core.policies.zoo_cache.read` proves the tensors.
 
     Raises:
-        VictimError: the pickle is no float32 vector of the length this agent has.
+        VictimError: there is no float32 vector of the length this agent has in it.
     """
-    vector = read_vector(data, source, vector_length(entry.facts))
-    head, raw, tail = data.partition(vector.astype("<f4", copy=False).tobytes())
-    if not raw:
-        raise VictimError(f"{source}: refused: the weights are not stored as float32")
+    raw = _vector_bytes(data, source, vector_length(entry.facts))
+    head, _, tail = data.partition(raw)
     metadata = entry.provenance | {
         "name": entry.full_name,
         "pickle_sha256": entry.sha256,
@@ -117,4 +117,16 @@ def convert(entry: ZooEntry, data: bytes, source: str) -> tuple[dict[str, Vector
         "pickle_tail": tail.hex(),
         "converter": CONVERTER,
     }
-    return split(vector, tensor_shapes(entry.facts)), metadata
+    return split(np.frombuffer(raw, "<f4"), tensor_shapes(entry.facts)), metadata
+
+
+def _vector_bytes(data: bytes, source: str, length: int) -> bytes:
+    """The one string of bytes in the pickle that such a vector fills; nothing is unpickled."""
+    try:
+        strings = [argument for _, argument, _ in pickletools.genops(data) if isinstance(argument, bytes)]
+    except ValueError as error:
+        raise VictimError(f"{source}: not a readable pickle ({error})") from error
+    found = [string for string in strings if len(string) == 4 * length]
+    if len(found) != 1:
+        raise VictimError(f"{source}: refused: no float32 vector of {length} values in it")
+    return found[0]

@@ -1,106 +1,126 @@
-"""A zoo agent as a :class:`apil_core.Policy`."""
+"""A zoo agent as a policy: its tensors in the form that students have, its sums in their published order."""
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Mapping
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-from apil_core.api.policy import Policy, PolicyInfo
-from apil_core.api.types import Decision, DiagonalGaussian, View
-from apil_core.policies.recurrent_state import Memory
-from apil_core.policies.zoo_networks import Filter, Output, Weights, make_network
+from apil_core.api.policy import PolicyInfo
+from apil_core.policies.frozen_policy import FrozenPolicy, StoredCritic
+from apil_core.policies.network import LstmState, NetworkShape, PolicyNetwork, Standardizer
+from apil_core.policies.recurrent_state import State
 
-_Net = Literal["actor", "critic"]
+Tensors = Mapping[str, NDArray[np.float32]]
+
+CLIP = 5.0
+"""Bound of the standardised observation."""
+_LEAST_VARIANCE = 0.01
+_STATE = "actor."
+"""Before the names of a recurrent state, as in checkpoints of all versions."""
 
 
-class ZooPolicy(Policy):
+class ZooPolicy(FrozenPolicy):
     """A frozen agent of Bansal et al. 2018.
 
-    Sees its observation filtered by the mean and variance of its own training, clipped to ±5, and
+    Sees its observation standardised by the mean and variance of its own training, clipped to ±5, and
     draws from a normal distribution whose standard deviation does not depend on the observation.
-
-    Attributes:
-        actor: torch module from filtered observation to mean action.
-        critic: torch module from filtered observation to normalised return.
-        logstd: of the action, shape (a,).
-        observation_filter, return_filter: statistics of its own training.
+    Runs that attacked it resume bit for bit, and so the last bits matter: it multiplies by the reciprocal
+    of the deviation, and its LSTM adds and multiplies in one operation.
     """
 
-    CLIP = 5.0
-    """Bound of the filtered observation."""
-
-    def __init__(self, info: PolicyInfo, weights: Weights):
-        self.info = info
-        self.actor = make_network(weights, "policy")
-        self.critic = make_network(weights, "value")
-        self.logstd = torch.tensor(weights["logstd"][0])
-        self.observation_filter = Filter(weights, "observation_filter")
-        self.return_filter = Filter(weights, "return_filter")
-        self._std = self.logstd.exp()
-        self._memories: dict[_Net, Memory] = {"actor": Memory(info.name), "critic": Memory(info.name)}
-
-    # no_grad rather than inference_mode, whose tensors could not enter a loss (measured: no slower)
-    @torch.no_grad()
-    def act(
-        self,
-        view: View,
-        *,
-        sample: bool,
-        generator: torch.Generator | None = None,
-        activations: bool = False,
-    ) -> Decision:
-        """See :meth:`apil_core.Policy.act`; ``hidden`` is the last tanh layer, or the LSTM's h."""
-        output = self._advance("actor", view)
-        distribution = DiagonalGaussian(output.value, self._std)
-        action = distribution.sample(generator) if sample else output.value
-        return Decision(action, distribution, {"hidden": output.hidden} if activations else None)
-
-    @torch.no_grad()
-    def value(self, view: View) -> Tensor:
-        """The agent's estimate of its return in its own training's units, shape (n,).
-
-        The critic has a recurrent state of its own: call this once per step, as :meth:`act`.
-        """
-        output = self._advance("critic", view)
-        return output.value[:, 0] * self.return_filter.deviation + self.return_filter.mean
-
-    def filter(self, observation: Tensor) -> Tensor:
-        """What the networks see of ``observation``; both (n, observation_size)."""
-        size = self.info.observation_size
-        if observation.shape[-1] != size:
-            raise ValueError(f"{self.info.name} reads {size} observations, got {observation.shape[-1]}")
-        return self.observation_filter(observation.float()).clamp_(-self.CLIP, self.CLIP)
-
-    def _advance(self, net: _Net, view: View) -> Output:
-        network = self.actor if net == "actor" else self.critic
-        memory = self._memories[net]
-        state = memory.begin(view.first, network.initial_state) if network.recurrent else {}
-        output = network(self.filter(view.own), state)
-        memory.rows = output.state
-        return output
-
-    def to(self, device: torch.device | str) -> ZooPolicy:
-        """Move weights and state to ``device``; returns self."""
-        for module in (self.actor, self.critic, self.observation_filter, self.return_filter):
-            module.to(device)
-        self.logstd, self._std = self.logstd.to(device), self._std.to(device)
-        self.load_recurrent_state(self.recurrent_state())
-        return self
-
-    def recurrent_state(self) -> dict[str, Tensor]:
-        """``actor.h`` and ``actor.c``, each (n, 128), and the critic's if it was asked; else nothing."""
-        return {
-            f"{net}.{key}": rows
-            for net, memory in self._memories.items()
-            for key, rows in memory.rows.items()
+    def __init__(self, info: PolicyInfo, tensors: Tensors):
+        mean, deviation = _moments(tensors, "observation_filter")
+        shape, layers = _layers(tensors, "policy", info.observation_size, info.action_size)
+        critic_shape, critic = _layers(tensors, "value", info.observation_size, 1)
+        returns = (float(_tensor(moment)) for moment in _moments(tensors, "return_filter"))
+        weights = {
+            "observation.mean": _tensor(mean),
+            "observation.std": _tensor(deviation),
+            "log_std": torch.tensor(tensors["logstd"][0]),
+            **layers,
         }
+        stored = StoredCritic(critic_shape, critic, *returns)
+        super().__init__(info, shape, weights, critic=stored, network=_ZooNetwork)
+        self.standardize = _ZooStandardizer(
+            weights["observation.mean"], weights["observation.std"], _tensor(1 / deviation)
+        )
 
-    def load_recurrent_state(self, state: dict[str, Tensor]) -> None:
+    def recurrent_state(self) -> State:
+        """``actor.h`` and ``actor.c``, each (n, 128); empty without LSTM."""
+        return {f"{_STATE}{name}": rows for name, rows in super().recurrent_state().items()}
+
+    def load_recurrent_state(self, state: State) -> None:
         """Restore what :meth:`recurrent_state` gave; an empty one forgets all games."""
-        for memory in self._memories.values():
-            memory.rows = {}
-        for name, rows in state.items():
-            net, _, key = name.partition(".")
-            self._memories[net].rows[key] = rows.to(self._std.device, copy=True)  # type: ignore[index]
+        own = {name.removeprefix(_STATE): rows for name, rows in state.items() if name.startswith(_STATE)}
+        super().load_recurrent_state(own)
+
+
+class _ZooNetwork(PolicyNetwork):
+    def cell(self, gates: Tensor, c: Tensor) -> LstmState:
+        i, f, g, o = gates.chunk(4, dim=1)
+        c = torch.addcmul(torch.sigmoid(f) * c, torch.sigmoid(i), torch.tanh(g))
+        return torch.sigmoid(o) * torch.tanh(c), c
+
+
+class _ZooStandardizer(Standardizer):
+    scale: Tensor
+
+    def __init__(self, mean: Tensor, std: Tensor, scale: Tensor):
+        super().__init__(mean, std, CLIP)
+        self.register_buffer("scale", scale)
+
+    def forward(self, observation: Tensor) -> Tensor:
+        return (observation - self.mean).mul_(self.scale).clamp_(-self.clip, self.clip)
+
+
+def _moments(tensors: Tensors, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and ``√max(variance, 0.01)`` of what the agent saw in training.
+
+    In double precision: the variance is a small difference of large numbers.
+    """
+    total, squares, count = (
+        tensors[f"{name}.{part}"].astype(np.float64) for part in ("sum", "sumsq", "count")
+    )
+    mean = total / count
+    return mean, np.sqrt(np.maximum(squares / count - mean**2, _LEAST_VARIANCE))
+
+
+def _layers(
+    tensors: Tensors, net: str, observation_size: int, outputs: int
+) -> tuple[NetworkShape, dict[str, Tensor]]:
+    """Shape and weights of the body named ``net``; kernels are stored (inputs, outputs)."""
+    if f"{net}.lstm.kernel" not in tensors:
+        names = {"hidden_0": "mlp.0", "hidden_1": "mlp.1", "out": "mlp.2"}
+        hidden = tuple(len(tensors[f"{net}.{name}.bias"]) for name in ("hidden_0", "hidden_1"))
+        shape = NetworkShape("mlp", observation_size, outputs, 0, hidden, CLIP)
+        return shape, _linears(tensors, net, names)
+    embed, width = (len(tensors[f"{net}.{name}"]) for name in ("embed.bias", "out.kernel"))
+    shape = NetworkShape("lstm", observation_size, outputs, width, (), CLIP, embed)
+    # the file's order is i, j, f, o (j is torch's g), and it leaves out the +1 that its cell adds to f
+    i, g, f, o = np.split(tensors[f"{net}.lstm.kernel"], 4, axis=1)
+    kernel = np.concatenate((i, f, g, o), axis=1).T
+    i, g, f, o = np.split(tensors[f"{net}.lstm.bias"], 4)
+    bias = torch.tensor(np.concatenate((i, f + np.float32(1), g, o)))
+    weights = {
+        "rnn.weight_ih": torch.tensor(kernel[:, :embed]),
+        "rnn.weight_hh": torch.tensor(kernel[:, embed:]),
+        "rnn.bias_ih": bias,
+        "rnn.bias_hh": torch.zeros_like(bias),
+    }
+    return shape, weights | _linears(tensors, net, {"embed": "embed", "out": "mlp.0"})
+
+
+def _linears(tensors: Tensors, net: str, names: Mapping[str, str]) -> dict[str, Tensor]:
+    found = {}
+    for name, ours in names.items():
+        found[f"{ours}.weight"] = torch.tensor(tensors[f"{net}.{name}.kernel"].T)
+        found[f"{ours}.bias"] = torch.tensor(tensors[f"{net}.{name}.bias"])
+    return found
+
+
+def _tensor(value: NDArray[np.float64]) -> Tensor:
+    return torch.tensor(value, dtype=torch.float32)

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from apil_core.api.types import DiagonalGaussian
-from apil_core.policies.student_policy import StudentShape
+from apil_core.policies.network import NetworkShape
 from apil_core.runs.distillation.learner import Block, StudentLearner, kl_nats
 
 
@@ -20,7 +20,7 @@ def block(label: torch.Tensor, observation: torch.Tensor, done: torch.Tensor) ->
 def learner(kind: Any, observation: int, action: int, minibatch: int = 64) -> StudentLearner:
     torch.manual_seed(0)
     width, hidden = (16, ()) if kind == "lstm" else (0, (16,))
-    shape = StudentShape(kind, observation, action, width, hidden, 5.0)
+    shape = NetworkShape(kind, observation, action, width, hidden, 5.0)
     cpu = torch.device("cpu")
     return StudentLearner(shape, minibatch=minibatch, gradient_length=4, learning_rate=1e-2, device=cpu)
 

@@ -12,11 +12,12 @@ import torch
 from safetensors.torch import save_file as save_tensors
 
 from apil_core import PolicyInfo, VictimError, View
+from apil_core.policies.frozen_policy import FrozenPolicy
+from apil_core.policies.network import NetworkShape
 from apil_core.policies.student import load_file, save_file, weights_sha256
-from apil_core.policies.student_policy import StudentPolicy, StudentShape
 from apil_core.runs.distillation.learner import StudentLearner
 
-TINY = StudentShape("mlp", observation_size=2, action_size=1, width=0, hidden=(), clip=5.0)
+TINY = NetworkShape("mlp", observation_size=2, action_size=1, width=0, hidden=(), clip=5.0)
 WEIGHTS = {
     "observation.mean": torch.tensor([1.0, 0.0]),
     "observation.std": torch.tensor([2.0, 0.5]),
@@ -49,7 +50,7 @@ def test_the_file_acts_as_the_network_that_was_trained(
     tmp_path: Path, kind: Any, embed: int, hidden: tuple[int, ...]
 ) -> None:
     torch.manual_seed(3)
-    shape = StudentShape(kind, 6, 3, 0 if kind == "mlp" else 8, hidden, 2.0, embed)
+    shape = NetworkShape(kind, 6, 3, 0 if kind == "mlp" else 8, hidden, 2.0, embed)
     learner = StudentLearner(
         shape, minibatch=4, gradient_length=2, learning_rate=1e-3, device=torch.device("cpu")
     )
@@ -60,7 +61,7 @@ def test_the_file_acts_as_the_network_that_was_trained(
     observation, done = 3 * torch.randn(steps, games, 6), torch.rand(steps, games) < 0.4
     z = ((observation - mean) / std).clamp(-2, 2)
     with torch.no_grad():
-        at_once, _ = learner.network(z, done, learner.network.no_memory(games))
+        at_once, _ = learner.network(z, done, learner.network.zero_state(games))
     learner.begin(games)
     first = torch.ones(games, dtype=torch.bool)
     for t in range(steps):
@@ -75,11 +76,11 @@ def test_the_file_acts_as_the_network_that_was_trained(
 
 
 def test_recurrent_state_is_saved_and_cleared() -> None:
-    shape = StudentShape("lstm", 2, 1, 4, (), 5.0)
+    shape = NetworkShape("lstm", 2, 1, 4, (), 5.0)
     torch.manual_seed(0)
     weights = {name: torch.randn(size) for name, size in shape.tensors().items()}
     weights["observation.std"] = torch.ones(2)
-    student = StudentPolicy(PolicyInfo("s", "", 2, 1), shape, weights)
+    student = FrozenPolicy(PolicyInfo("s", "", 2, 1), shape, weights)
     own, go_on = torch.randn(3, 2), torch.zeros(3, dtype=torch.bool)
     opening = student.act(view(own), sample=False).action
     state = student.recurrent_state()

@@ -11,8 +11,7 @@ import torch
 from apil_core import load_policy
 from apil_core.api.config import PPOConfig
 from apil_core.api.types import DiagonalGaussian
-from apil_core.policies.student_policy import StudentShape
-from apil_core.runs.distillation.learner import StudentNetwork
+from apil_core.policies.network import NetworkShape, PolicyNetwork
 from apil_core.runs.retraining.learner import VictimLearner
 from apil_core.runs.retraining.network import Critic, VictimNetwork, new_critic
 from apil_core.runs.retraining.trainable import trainable
@@ -63,8 +62,8 @@ def test_pieces_give_the_distribution_that_was_drawn_from(tmp_path: Path, kind: 
 def test_a_critic_with_memory_begins_each_game_without(tmp_path: Path) -> None:
     """Before an update it says of every piece what it said of the rollout; so no ratio is clipped either."""
     victim = learner(tmp_path, "lstm")
-    shape = StudentShape("lstm", 7, 1, 8, (), 3.0, 6)
-    critic = Critic(shape, StudentNetwork(shape).state_dict())
+    shape = NetworkShape("lstm", 7, 1, 8, (), 3.0, 6)
+    critic = Critic(shape, PolicyNetwork(shape).state_dict())
     both = VictimLearner(
         *(victim.network, critic, victim.config, GAMES),
         freeze_critic=False,
@@ -88,7 +87,7 @@ def values_without_memory(victim: VictimLearner) -> torch.Tensor:
     """What its critic says of each step of a rollout as if a game began there, (T, n)."""
     z = victim.rollout.z.flatten(0, 1).unsqueeze(0)
     with torch.no_grad():
-        nothing = victim.critic.body.no_memory(z.shape[1])
+        nothing = victim.critic.body.zero_state(z.shape[1])
         value, _ = victim.critic(z, torch.zeros(z.shape[:2], dtype=torch.bool), nothing)
     return value.view(victim.rollout.done.shape)
 

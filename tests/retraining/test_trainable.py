@@ -9,7 +9,7 @@ import torch
 from helpers.small_runs import small_config
 
 from apil_core import Policy, VictimError, load_policy, run
-from apil_core.policies.student_policy import StudentPolicy
+from apil_core.policies.frozen_policy import FrozenPolicy
 from apil_core.policies.zoo_import import import_zoo
 from apil_core.runs.retraining.network import Critic, VictimNetwork
 from apil_core.runs.retraining.trainable import trainable
@@ -30,11 +30,11 @@ def check(policy: Policy) -> None:
     z = network.standardise(torch.stack([view.own for view in steps]))
     done = torch.stack([view.first for view in [*steps[1:], steps[0]]])
     with torch.no_grad():
-        together, _ = network(z, done, network.body.no_memory(5))
+        together, _ = network(z, done, network.body.zero_state(5))
     assert torch.allclose(together, mean, atol=2e-5)
     assert torch.allclose(network.log_std.exp().expand_as(std), std, rtol=1e-6)
     assert float(mean.std()) > 0.01
-    again = StudentPolicy(policy.info, parts.shape, network.weights())
+    again = FrozenPolicy(policy.info, parts.shape, network.weights())
     assert torch.allclose(played(again, steps)[0], mean, atol=2e-5)
     assert all(parameter.requires_grad for parameter in network.parameters())
 
@@ -44,16 +44,16 @@ def test_a_zoo_agent_and_its_critic(recurrent: bool) -> None:
     agent = zoo_agent(recurrent=recurrent)
     check(agent)
     steps = views(8, 4, 9, seed=2)
-    values = torch.stack([agent.value(view) for view in steps])
     stored = trainable(agent).critic
     assert stored is not None
-    critic = Critic(stored.shape, stored.weights)
+    before, critic = (Critic(stored.shape, stored.weights) for _ in range(2))
     critic.rescale(0.5 * stored.deviation, 0.5 * stored.mean)
-    z = torch.stack([agent.filter(view.own) for view in steps])
+    z = torch.stack([agent.standardize(view.own) for view in steps])
     done = torch.stack([view.first for view in [*steps[1:], steps[0]]])
     with torch.no_grad():
-        found, _ = critic(z, done, critic.body.no_memory(4))
-    assert torch.allclose(found, 0.5 * values, atol=1e-4)
+        values, _ = before(z, done, before.body.zero_state(4))
+        found, _ = critic(z, done, critic.body.zero_state(4))
+    assert torch.allclose(found, 0.5 * (stored.deviation * values + stored.mean), atol=1e-4)
 
 
 @pytest.mark.parametrize("kind", ["mlp", "lstm"])

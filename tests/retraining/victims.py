@@ -10,20 +10,19 @@ import torch
 
 from apil_core.api.policy import PolicyInfo
 from apil_core.api.types import View
+from apil_core.policies.network import NetworkShape, PolicyNetwork
 from apil_core.policies.student import save_file
-from apil_core.policies.student_policy import StudentShape
 from apil_core.policies.zoo_catalogue import GameFacts
 from apil_core.policies.zoo_layout import tensor_shapes
 from apil_core.policies.zoo_policy import ZooPolicy
-from apil_core.runs.distillation.learner import StudentNetwork
 
 
 def student(path: Path, kind: Any = "lstm", seed: int = 0, scale: float = 1.0) -> str:
     """An untrained evader of toy-pursuit in a file; its name."""
     torch.manual_seed(seed)
     width, hidden, embed = (8, (), 6) if kind == "lstm" else (0, (16,), 0)
-    shape = StudentShape(kind, 7, 2, width, hidden, 3.0, embed)
-    weights = {name: scale * tensor for name, tensor in StudentNetwork(shape).state_dict().items()}
+    shape = NetworkShape(kind, 7, 2, width, hidden, 3.0, embed)
+    weights = {name: scale * tensor for name, tensor in PolicyNetwork(shape).state_dict().items()}
     weights |= {"observation.mean": torch.randn(7) / 4, "observation.std": torch.rand(7) / 2 + 0.5}
     save_file(path, shape, {**weights, "log_std": torch.tensor([-1.0, -0.5])}, {})
     return f"safetensors:{path}"
@@ -35,8 +34,8 @@ def runner(path: Path, towards: str, speed: float) -> str:
     A share ``speed`` of full speed. The rest of its 32 units are there to learn with.
     """
     torch.manual_seed(0)
-    shape = StudentShape("mlp", 7, 2, 0, (32,), 5.0, 0)
-    weights = StudentNetwork(shape).state_dict()
+    shape = NetworkShape("mlp", 7, 2, 0, (32,), 5.0, 0)
+    weights = PolicyNetwork(shape).state_dict()
     where = {"opponent": 2, "gate": 4}[towards]  # of its relative position in the observation
     weights["mlp.0.weight"][:2] = 4 * torch.eye(7)[where : where + 2]
     weights["mlp.0.bias"][:2] = 0

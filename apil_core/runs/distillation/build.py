@@ -18,8 +18,8 @@ from apil_core.config.game import game_model, overlaid
 from apil_core.plugins.default_victim import is_here
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
+from apil_core.policies.network import NetworkShape
 from apil_core.policies.seats import Taking, load_victim
-from apil_core.policies.student_policy import StudentShape
 from apil_core.runs.distillation.collector import Collector
 from apil_core.runs.distillation.config import DistillConfig
 from apil_core.runs.distillation.learner import StudentLearner
@@ -180,7 +180,7 @@ def _course(
     assert config.learning_rate is not None
     sizes = seat.observation_size, seat.action_size
     width, embed = (config.width, config.embed) if config.network == "lstm" else (0, 0)
-    shape = StudentShape(config.network, *sizes, width, config.hidden, config.observation_clip, embed)
+    shape = NetworkShape(config.network, *sizes, width, config.hidden, config.observation_clip, embed)
     learner = StudentLearner(
         shape,
         minibatch=config.minibatch,

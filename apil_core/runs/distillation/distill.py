@@ -17,13 +17,14 @@ from apil_core.evaluation.results import EvaluationResult
 from apil_core.evaluation.score import MAX_PARALLEL_GAMES
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import default_plugins, make_game
+from apil_core.policies.frozen_policy import FrozenPolicy
+from apil_core.policies.network import Standardizer
 from apil_core.policies.student import load_file, save_file, weights_sha256
-from apil_core.policies.student_policy import StudentPolicy
 from apil_core.runs.distillation.build import Setting, named, prepare
 from apil_core.runs.distillation.config import DistillConfig
 from apil_core.runs.distillation.learner import Block
 from apil_core.runs.distillation.report import Report, make_report, score_of
-from apil_core.runs.distillation.trainer import Entry, Standard
+from apil_core.runs.distillation.trainer import Entry
 from apil_core.runs.distillation.workspace import Workspace
 from apil_core.training.storage.run_dir import environment
 
@@ -119,11 +120,12 @@ def _keep(setting: Setting, space: Workspace) -> None:
     course = setting.course
     if course.done == len(course.blocks):  # every stage so far played one
         space.save_block(course.done - 1, course.blocks[-1].tensors())
-    assert course.standard is not None
+    assert course.standardize is not None
+    fixed = course.standardize
     space.save_state(
         {
             "log": [asdict(entry) for entry in course.log],
-            "standard": asdict(course.standard),
+            "standard": {"mean": fixed.mean, "std": fixed.std, "clip": fixed.clip},
             "learner": course.learner.state_dict(),
             "policies": {who: policy.info.sha256 for who, policy in _who(setting).items()},
         }
@@ -150,14 +152,14 @@ def _restore(setting: Setting, space: Workspace) -> None:
     course.log = [Entry(**entry) for entry in state["log"]]
     device = course.log_std.device
     fixed = state["standard"]
-    course.standard = Standard(fixed["mean"].to(device), fixed["std"].to(device), fixed["clip"])
+    course.standardize = Standardizer(fixed["mean"].to(device), fixed["std"].to(device), fixed["clip"])
     course.learner.load_state_dict(state["learner"])
     for number in range(min(course.done, course.rounds)):
         kept = {name: tensor.to(device) for name, tensor in space.load_block(number).items()}
         course.blocks.append(Block(kept["observation"], kept["label"], kept["done"]))
 
 
-def _student(setting: Setting, space: Workspace, more: dict[str, Any]) -> StudentPolicy:
+def _student(setting: Setting, space: Workspace, more: dict[str, Any]) -> FrozenPolicy:
     """Write the student's file and read it back: what is scored is what is kept."""
     weights = setting.course.weights()
     made = environment(())
@@ -182,7 +184,7 @@ def _student(setting: Setting, space: Workspace, more: dict[str, Any]) -> Studen
 
 
 def _scores(
-    setting: Setting, student: StudentPolicy, progress: Progress, plugins: PluginRegistry
+    setting: Setting, student: FrozenPolicy, progress: Progress, plugins: PluginRegistry
 ) -> dict[str, EvaluationResult]:
     """Both scored on the same games, with as many in parallel as ``apil eval`` has."""
     config = setting.config

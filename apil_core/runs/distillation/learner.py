@@ -11,20 +11,14 @@ over components, is then KL(teacher ‖ student) in nats.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
-from apil_core.policies.student_policy import StudentShape
-
-_LSTM_WEIGHTS = ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
-Memory = tuple[Tensor, Tensor]
-"""h and c of an LSTM, each (n, w)."""
+from apil_core.policies.network import LstmState, NetworkShape, PolicyNetwork
 
 
 @dataclass
@@ -44,7 +38,7 @@ class Block:
     filled: int = field(default=0, compare=False)
 
     @classmethod
-    def empty(cls, steps: int, games: int, shape: StudentShape, device: torch.device) -> Block:
+    def empty(cls, steps: int, games: int, shape: NetworkShape, device: torch.device) -> Block:
         """Room for a block."""
         return cls(
             torch.zeros(steps, games, shape.observation_size, device=device),
@@ -64,63 +58,6 @@ class Block:
         return {"observation": self.observation, "label": self.label, "done": self.done}
 
 
-class StudentNetwork(nn.Module):
-    """ReLU layer and LSTM (or neither), tanh layers, linear output; see :class:`StudentShape`."""
-
-    def __init__(self, shape: StudentShape):
-        super().__init__()
-        self.shape = shape
-        inputs = shape.observation_size
-        if shape.embed:
-            self.embed = nn.Linear(inputs, shape.embed)
-            inputs = shape.embed
-        if shape.kind == "lstm":
-            self.rnn = nn.LSTMCell(inputs, shape.width)
-            inputs = shape.width
-        sizes = (inputs, *shape.hidden, shape.action_size)
-        self.mlp = nn.ModuleList(nn.Linear(a, b) for a, b in itertools.pairwise(sizes))
-
-    def forward(self, z: Tensor, done: Tensor, memory: Memory) -> tuple[Tensor, Memory]:
-        """Mean actions of a stretch of steps.
-
-        Args:
-            z: standardised observations, (T, n, o).
-            done: (T, n) bool, a game ended with this step: the next one starts without memory.
-            memory: before the first step; unused without LSTM.
-
-        Returns:
-            (T, n, a) in units of σ, and the memory after the last step.
-        """
-        if self.shape.embed:
-            z = F.relu(self.embed(z))
-        if self.shape.kind == "lstm":
-            z, memory = self._remember(z, done, memory)
-        for layer in self.mlp[:-1]:
-            z = torch.tanh(layer(z))
-        return self.mlp[-1](z), memory
-
-    def _remember(self, x: Tensor, done: Tensor, memory: Memory) -> tuple[Tensor, Memory]:
-        cell, (h, c) = self.rnn, memory
-        # of all steps in one product; unbound, as the gradient of one indexed step is as large as all steps
-        own = F.linear(x, cell.weight_ih, cell.bias_ih + cell.bias_hh).unbind()
-        keep = (~done).to(x.dtype).unsqueeze(-1)
-        ends = done.any(1).tolist()
-        states = []
-        for t, own_t in enumerate(own):
-            i, f, g, o = torch.addmm(own_t, h, cell.weight_hh.t()).chunk(4, dim=1)
-            c = torch.sigmoid(f) * c + torch.sigmoid(i) * torch.tanh(g)
-            h = torch.sigmoid(o) * torch.tanh(c)
-            states.append(h)
-            if ends[t]:
-                h, c = h * keep[t], c * keep[t]
-        return torch.stack(states), (h, c)
-
-    def no_memory(self, games: int) -> Memory:
-        """Where games start."""
-        zeros = torch.zeros(games, self.shape.width, device=next(self.parameters()).device)
-        return zeros, zeros
-
-
 class StudentLearner:
     """A student's network and optimiser.
 
@@ -134,7 +71,7 @@ class StudentLearner:
 
     def __init__(
         self,
-        shape: StudentShape,
+        shape: NetworkShape,
         *,
         minibatch: int,
         gradient_length: int,
@@ -142,15 +79,15 @@ class StudentLearner:
         device: torch.device,
     ):
         self.shape = shape
-        self.network = StudentNetwork(shape).to(device)
+        self.network = PolicyNetwork(shape).to(device)
         self._minibatch = minibatch
         self._length = gradient_length
         self._optimizer = torch.optim.Adam(self.network.parameters(), lr=learning_rate)
-        self._memory: Memory | None = None
+        self._memory: LstmState | None = None
 
     def begin(self, games: int) -> None:
         """New games begin in all rows."""
-        self._memory = self.network.no_memory(games)
+        self._memory = self.network.zero_state(games)
 
     @torch.no_grad()
     def act(self, z: Tensor) -> Tensor:
@@ -181,7 +118,7 @@ class StudentLearner:
         """Errors of minibatches of steps in any order."""
         z, label = block.observation.flatten(0, 1), block.label.flatten(0, 1)
         nobody = torch.zeros(1, 1, dtype=torch.bool, device=z.device)
-        nothing = self.network.no_memory(1)
+        nothing = self.network.zero_state(1)
         for rows in torch.randperm(len(z), generator=generator).split(self._minibatch):
             mean, _ = self.network(z[rows].unsqueeze(0), nobody, nothing)
             yield (mean[0] - label[rows]).square().mean()
@@ -191,7 +128,7 @@ class StudentLearner:
         games = max(self._minibatch // self._length, 1)
         for chosen in torch.randperm(block.done.shape[1], generator=generator).split(games):
             z, label, done = (part[:, chosen] for part in (block.observation, block.label, block.done))
-            memory = self.network.no_memory(len(chosen))
+            memory = self.network.zero_state(len(chosen))
             for begin in range(0, len(z), self._length):
                 stretch = slice(begin, begin + self._length)
                 mean, (h, c) = self.network(z[stretch], done[stretch], memory)

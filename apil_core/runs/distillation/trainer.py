@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from apil_core.common.seeds import stream_generator
-from apil_core.policies.student_policy import StudentShape
+from apil_core.policies.network import NetworkShape, Standardizer
 from apil_core.runs.distillation.collector import Cast, Collector, Sample
 from apil_core.runs.distillation.config import DistillConfig
 from apil_core.runs.distillation.learner import Block, StudentLearner
@@ -40,19 +40,6 @@ class Entry:
 
 
 @dataclass
-class Standard:
-    """Standardisation of observations: (o,) each, from the first block, and fixed from then on."""
-
-    mean: Tensor
-    std: Tensor
-    clip: float
-
-    def __call__(self, observation: Tensor) -> Tensor:
-        """(n, o) → (n, o)."""
-        return ((observation - self.mean) / self.std).clamp_(-self.clip, self.clip)
-
-
-@dataclass
 class Course:
     """State of a distillation between two stages.
 
@@ -61,14 +48,14 @@ class Course:
     """
 
     config: DistillConfig
-    shape: StudentShape
+    shape: NetworkShape
     collector: Collector
     practice: Collector
     learner: StudentLearner
     log_std: Tensor
     sides: tuple[int, ...]
     block_steps: int
-    standard: Standard | None = None
+    standardize: Standardizer | None = None
     log: list[Entry] = field(default_factory=list)
     blocks: list[Block] = field(default_factory=list)
 
@@ -133,21 +120,21 @@ class Course:
 
         self.collector.play("block 0", self.sides[0], self.block_steps, self._cast(True), None, take)
         std = moments.var.sqrt().clamp(min=_LEAST_STD)
-        self.standard = Standard(moments.mean.float(), std.float(), self.config.observation_clip)
+        self.standardize = Standardizer(moments.mean.float(), std.float(), self.config.observation_clip)
         for t in range(self.block_steps):
-            block.observation[t] = self.standard(block.observation[t])
+            block.observation[t] = self.standardize(block.observation[t])
 
     def _play(self, block: Block, number: int) -> float:
         """A block in which the student acts; gives its error there."""
-        learner, sigma, standard = self.learner, self.log_std.exp(), self.standard
-        assert standard is not None, "the first block sets it"
+        learner, sigma, standardize = self.learner, self.log_std.exp(), self.standardize
+        assert standardize is not None, "the first block sets it"
         cast = self._cast(False)
         errors: list[Tensor] = []
         seen = torch.empty(0)
 
         def act(observation: Tensor, label: Tensor) -> Tensor:
             nonlocal seen
-            seen = standard(observation)
+            seen = standardize(observation)
             mean = learner.act(seen)
             errors.append((mean - label / sigma)[~cast.teacher_acts].square().mean())
             return mean * sigma
@@ -183,5 +170,5 @@ class Course:
 
     def weights(self) -> dict[str, Tensor]:
         """The student as it stands, as its file has it."""
-        assert self.standard is not None, "there is a student after the first stage"
-        return self.learner.weights(self.standard.mean, self.standard.std, self.log_std)
+        assert self.standardize is not None, "there is a student after the first stage"
+        return self.learner.weights(self.standardize.mean, self.standardize.std, self.log_std)

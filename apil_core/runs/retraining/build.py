@@ -15,6 +15,7 @@ from apil_core.common.seeds import stream_generator, stream_seed
 from apil_core.plugins.default_victim import default_baseline
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
+from apil_core.policies.frozen_policy import StoredCritic
 from apil_core.policies.seats import Taking, load_victim
 from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.runs.retraining.games import RetrainingGames
@@ -22,7 +23,7 @@ from apil_core.runs.retraining.learner import VictimLearner
 from apil_core.runs.retraining.mixture import MixturePolicy
 from apil_core.runs.retraining.network import Critic, VictimNetwork, new_critic
 from apil_core.runs.retraining.settings import BASELINE
-from apil_core.runs.retraining.trainable import StoredCritic, Trainable, trainable
+from apil_core.runs.retraining.trainable import Trainable, trainable
 from apil_core.runs.retraining.trainer import RetrainTrainer
 from apil_core.training.build import check_device
 from apil_core.training.rewards import resolve_weights

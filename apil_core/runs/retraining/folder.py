@@ -17,7 +17,7 @@ from apil_core.config.layers import file_layer
 from apil_core.config.problems import problems_of, raise_problems
 from apil_core.config.yaml import commented_yaml
 from apil_core.plugins.registry import default_plugins
-from apil_core.policies.student_policy import StudentPolicy
+from apil_core.policies.frozen_policy import FrozenPolicy
 from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.training.storage.run_dir import DEFAULT_ROOT, RunDir
 
@@ -103,7 +103,7 @@ def name_of(path: Path) -> str:
     return f"{SCHEME}:{path.expanduser().absolute()}"
 
 
-def load(name: str) -> StudentPolicy:
+def load(name: str) -> FrozenPolicy:
     """A fresh policy on the CPU; its file is a student's (:mod:`apil_core.policies.student`).
 
     Args:

@@ -21,7 +21,7 @@ from torch import Tensor, nn
 from apil_core.api.config import PPOConfig
 from apil_core.api.types import DiagonalGaussian
 from apil_core.common.errors import ApilError
-from apil_core.runs.distillation.learner import Memory
+from apil_core.policies.network import LstmState
 from apil_core.runs.retraining.network import Critic, VictimNetwork
 from apil_core.runs.retraining.rollout import Piece, VictimRollout
 from apil_core.training.returns import gae, normalize_advantages
@@ -62,8 +62,8 @@ class VictimLearner:
             "critic": kind(critic.parameters(), config.learning_rate, eps=_ADAM_EPSILON),
         }
         shape = network.shape
-        self._memory = network.body.no_memory(games)
-        self._critic_memory = critic.body.no_memory(games)
+        self._memory = network.body.zero_state(games)
+        self._critic_memory = critic.body.zero_state(games)
         sizes = (games, shape.observation_size, shape.action_size)
         self.rollout = VictimRollout.empty(config.num_steps, self._memory, sizes)
         self._nobody = torch.zeros(1, games, dtype=torch.bool, device=network.log_std.device)
@@ -152,7 +152,7 @@ class VictimLearner:
             if self.network.recurrent or self.critic.recurrent:
                 yield from self.rollout.games(config.minibatches, order)
             else:
-                yield from self.rollout.steps(config.minibatches, order, self.network.body.no_memory(1))
+                yield from self.rollout.steps(config.minibatches, order, self.network.body.zero_state(1))
 
     def _learn(self, piece: Piece, learning_rate: float, *, critic_only: bool) -> Tensor:
         """One gradient step of both networks; surrogate and value loss and share of clipped ratios, (3,)."""
@@ -215,6 +215,6 @@ class VictimLearner:
         )
 
 
-def _memory(rows: list[Tensor], device: torch.device) -> Memory:
+def _memory(rows: list[Tensor], device: torch.device) -> LstmState:
     h, c = (row.to(device) for row in rows)
     return h, c

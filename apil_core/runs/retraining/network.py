@@ -7,31 +7,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from apil_core.policies.student_policy import StudentShape, Weights
-from apil_core.runs.distillation.learner import Memory, StudentNetwork
+from apil_core.policies.network import LstmState, NetworkShape, PolicyNetwork, Standardizer, Weights
 from apil_core.training.networks import mlp
-
-_STATISTICS = ("observation.mean", "observation.std")
-
-
-class Standardiser(nn.Module):
-    """``clip((x − mean) / std, ±clip)`` by the statistics the victim was trained with; they stay as they are.
-
-    Moving them would change what the victim does without any gradient asking for it.
-    """
-
-    mean: Tensor
-    std: Tensor
-
-    def __init__(self, shape: StudentShape, weights: Weights):
-        super().__init__()
-        self.clip = shape.clip
-        for name in _STATISTICS:
-            self.register_buffer(name.rpartition(".")[2], weights[name].clone())
-
-    def forward(self, observation: Tensor) -> Tensor:
-        """(..., o) → (..., o)."""
-        return ((observation - self.mean) / self.std).clamp_(-self.clip, self.clip)
 
 
 class VictimNetwork(nn.Module):
@@ -42,15 +19,15 @@ class VictimNetwork(nn.Module):
         log_std: of the actions, (a,), trained like the weights.
 
     Args:
-        shape: see :class:`StudentShape`.
-        weights: tensors as :meth:`StudentShape.tensors` names them.
+        shape: see :class:`NetworkShape`.
+        weights: tensors as :meth:`NetworkShape.tensors` names them.
     """
 
-    def __init__(self, shape: StudentShape, weights: Weights):
+    def __init__(self, shape: NetworkShape, weights: Weights):
         super().__init__()
         self.shape = shape
-        self.standardise = Standardiser(shape, weights)
-        self.body = body_of(shape, weights)
+        self.standardise = Standardizer(weights["observation.mean"], weights["observation.std"], shape.clip)
+        self.body = PolicyNetwork.of(shape, _copies(weights))
         self.log_std = nn.Parameter(weights["log_std"].clone())
 
     @property
@@ -58,8 +35,8 @@ class VictimNetwork(nn.Module):
         """Whether it remembers."""
         return self.shape.kind == "lstm"
 
-    def forward(self, z: Tensor, done: Tensor, memory: Memory) -> tuple[Tensor, Memory]:
-        """Mean actions of a stretch of steps; see :meth:`StudentNetwork.forward`."""
+    def forward(self, z: Tensor, done: Tensor, memory: LstmState) -> tuple[Tensor, LstmState]:
+        """Mean actions of a stretch of steps; see :meth:`PolicyNetwork.forward`."""
         mean, memory = self.body(z, done, memory)
         return mean, memory
 
@@ -70,14 +47,6 @@ class VictimNetwork(nn.Module):
         return {name: tensor.detach().cpu().clone() for name, tensor in found.items()}
 
 
-def body_of(shape: StudentShape, weights: Weights) -> StudentNetwork:
-    """The layers between standardised observation and output, with those weights."""
-    with torch.random.fork_rng(devices=[]):  # initial weights are drawn and thrown away
-        network = StudentNetwork(shape)
-    network.load_state_dict({name: weights[name] for name in network.state_dict()})
-    return network
-
-
 class Critic(nn.Module):
     """From standardised observations to the discounted return in the learner's normalised units.
 
@@ -86,17 +55,17 @@ class Critic(nn.Module):
         weights: of its layers.
     """
 
-    def __init__(self, shape: StudentShape, weights: Weights):
+    def __init__(self, shape: NetworkShape, weights: Weights):
         super().__init__()
         self.shape = shape
-        self.body: StudentNetwork = body_of(shape, weights)
+        self.body: PolicyNetwork = PolicyNetwork.of(shape, _copies(weights))
 
     @property
     def recurrent(self) -> bool:
         """Whether it remembers."""
         return self.shape.kind == "lstm"
 
-    def forward(self, z: Tensor, done: Tensor, memory: Memory) -> tuple[Tensor, Memory]:
+    def forward(self, z: Tensor, done: Tensor, memory: LstmState) -> tuple[Tensor, LstmState]:
         """Values of a stretch of steps, (T, n, o) → (T, n), and the memory after it."""
         value, memory = self.body(z, done, memory)
         return value[..., 0], memory
@@ -110,14 +79,18 @@ class Critic(nn.Module):
         last.bias.mul_(factor).add_(shift)
 
 
-def new_critic(shape: StudentShape, hidden: Sequence[int]) -> Critic:
+def new_critic(shape: NetworkShape, hidden: Sequence[int]) -> Critic:
     """A feed-forward critic that reads what the victim reads; torch's global generator draws its weights.
 
     It has no memory: what it must know of the opponent is in the observation, and a pass through time less
     is a third of an update less.
     """
-    own = StudentShape("mlp", shape.observation_size, 1, 0, tuple(hidden), shape.clip)
+    own = NetworkShape("mlp", shape.observation_size, 1, 0, tuple(hidden), shape.clip)
     layers = [layer for layer in mlp((shape.observation_size, *hidden, 1)) if isinstance(layer, nn.Linear)]
     weights = {f"mlp.{i}.weight": layer.weight for i, layer in enumerate(layers)}
     weights |= {f"mlp.{i}.bias": layer.bias for i, layer in enumerate(layers)}
     return Critic(own, weights)
+
+
+def _copies(weights: Weights) -> Weights:
+    return {name: tensor.detach().clone() for name, tensor in weights.items()}

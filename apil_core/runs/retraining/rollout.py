@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
-from apil_core.runs.distillation.learner import Memory
+from apil_core.policies.network import LstmState
 
 
 @dataclass
@@ -30,8 +30,8 @@ class Piece:
     value: Tensor
     advantage: Tensor
     target: Tensor
-    actor_memory: Memory
-    critic_memory: Memory
+    actor_memory: LstmState
+    critic_memory: LstmState
 
 
 @dataclass
@@ -57,12 +57,12 @@ class VictimRollout:
     value: Tensor
     advantage: Tensor
     target: Tensor
-    actor_memory: Memory
-    critic_memory: Memory
+    actor_memory: LstmState
+    critic_memory: LstmState
     filled: int = field(default=0, compare=False)
 
     @classmethod
-    def empty(cls, steps: int, memory: Memory, sizes: tuple[int, int, int]) -> VictimRollout:
+    def empty(cls, steps: int, memory: LstmState, sizes: tuple[int, int, int]) -> VictimRollout:
         """Room for ``steps`` steps.
 
         Args:
@@ -106,7 +106,7 @@ class VictimRollout:
                 critic_memory=(critic_h[chosen], critic_c[chosen]),
             )
 
-    def steps(self, parts: int, generator: torch.Generator, nothing: Memory) -> Iterator[Piece]:
+    def steps(self, parts: int, generator: torch.Generator, nothing: LstmState) -> Iterator[Piece]:
         """Every step once, in any order, in ``parts`` pieces with T = 1: for networks without memory."""
         flat = {name: column.flatten(0, 1) for name, column in self._columns().items()}
         for rows in torch.randperm(self.done.numel(), generator=generator).chunk(parts):

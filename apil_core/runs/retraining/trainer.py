@@ -7,10 +7,10 @@ from typing import Any
 
 import torch
 
+from apil_core.policies.frozen_policy import StoredCritic
 from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.runs.retraining.games import RetrainingGames
 from apil_core.runs.retraining.learner import VictimLearner
-from apil_core.runs.retraining.trainable import StoredCritic
 
 _WARMUP = {"stored": 1, "new": 10}
 """First iterations that train the critic alone: a stored one only has to find its units."""
