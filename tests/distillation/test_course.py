@@ -118,7 +118,7 @@ def test_the_first_block_standardises_itself_and_what_follows() -> None:
     try:
         setting.course.advance()
         first = setting.course.blocks[0].observation
-        standard = setting.course.standard
+        standard = setting.course.standardize
         assert standard is not None
         moving = standard.std > 0.1
         assert moving.any()
@@ -166,6 +166,20 @@ def test_nothing_is_overwritten_and_a_stranger_is_not_resumed(tmp_path: Path) ->
     (tmp_path / "full" / "distillation.json").write_text(json.dumps({"env": 3}))
     with pytest.raises(RunDirError, match="is damaged or of another version"):
         resume_distillation(tmp_path / "full")
+
+
+def test_one_that_an_older_version_began_is_refused_and_its_report_still_read(tmp_path: Path) -> None:
+    """Until the blocks lay beside a run's checkpoints, the state was in ``state.pt``."""
+    for name in ("begun", "finished"):
+        distill(config(final_passes=0), out=tmp_path / name)
+        (checkpoint,) = (tmp_path / name / "checkpoints").iterdir()
+        checkpoint.rename(tmp_path / name / "state.pt")
+        (tmp_path / name / "checkpoints").rmdir()
+    (tmp_path / "begun" / "report.json").unlink()
+    with pytest.raises(RunDirError, match=r"begun was begun by an older version; begin anew"):
+        resume_distillation(tmp_path / "begun")
+    student = load_file(tmp_path / "finished" / "student.safetensors", "student")
+    assert resume_distillation(tmp_path / "finished").student == student.info.sha256
 
 
 def test_a_damaged_block_is_named(tmp_path: Path) -> None:

@@ -22,10 +22,11 @@ from apil_core.policies.network import Standardizer
 from apil_core.policies.student import load_file, save_file, weights_sha256
 from apil_core.runs.distillation.build import Setting, named, prepare
 from apil_core.runs.distillation.config import DistillConfig
+from apil_core.runs.distillation.distill_dir import DistillDir
 from apil_core.runs.distillation.learner import Block
 from apil_core.runs.distillation.report import Report, make_report, score_of
 from apil_core.runs.distillation.trainer import Entry
-from apil_core.runs.distillation.workspace import Workspace
+from apil_core.training.storage import checkpoint
 from apil_core.training.storage.run_dir import environment
 
 OnStage = Callable[[Entry, int], None]
@@ -56,15 +57,15 @@ def distill(
     registry = plugins or default_plugins()
     setting = prepare(named(config, registry), registry)
     try:
-        space = Workspace.create(out, setting.config, command)
-        with space.lock():
-            return _go(setting, space, progress or Progress(), on_stage, registry)
+        directory = DistillDir.begin(out, setting.config, command)
+        with directory.lock():
+            return _go(setting, directory, progress or Progress(), on_stage, registry)
     finally:
         setting.close()
 
 
 def resume_distillation(
-    directory: Path | str,
+    path: Path | str,
     *,
     progress: Progress | None = None,
     on_stage: OnStage | None = None,
@@ -76,25 +77,24 @@ def resume_distillation(
         RunDirError: no distillation there, or one that cannot be continued.
         VictimError: the teacher's or the opponent's weights have changed since it began.
     """
-    space = Workspace(directory)
-    config = space.settings()
-    with space.lock():
-        finished = space.report()
-        if finished is not None:
-            space.drop_blocks()  # killed after the report was written
-            return finished
+    directory = DistillDir(path)
+    if (finished := directory.report()) is not None:
+        directory.drop_blocks()  # killed after the report was written
+        return finished
+    config = directory.settings()
+    with directory.lock():
         registry = plugins or default_plugins()
         setting = prepare(config, registry)
         try:
-            _restore(setting, space)
-            return _go(setting, space, progress or Progress(), on_stage, registry)
+            _restore(setting, directory)
+            return _go(setting, directory, progress or Progress(), on_stage, registry)
         finally:
             setting.close()
 
 
 def _go(
     setting: Setting,
-    space: Workspace,
+    directory: DistillDir,
     progress: Progress,
     on_stage: OnStage | None,
     plugins: PluginRegistry,
@@ -103,33 +103,35 @@ def _go(
     with one_torch_thread():
         while course.done < course.stages:
             entry = course.advance()
-            _keep(setting, space)
+            _keep(setting, directory)
             if on_stage is not None:
                 on_stage(entry, course.stages)
-        student = _student(setting, space, {})
+        student = _student(setting, directory, {})
         scores = _scores(setting, student, progress, plugins)
         report = make_report(setting, student, scores)
-    _student(setting, space, _told(report))
-    space.write_report(report.model_dump(mode="json"))
-    space.drop_blocks()
+    _student(setting, directory, _told(report))
+    directory.write_json(directory.report_path, report.model_dump(mode="json"))
+    directory.drop_blocks()
     return report
 
 
-def _keep(setting: Setting, space: Workspace) -> None:
+def _keep(setting: Setting, directory: DistillDir) -> None:
     """Write what the stage added: a block if it played one, then the state that counts it."""
     course = setting.course
     if course.done == len(course.blocks):  # every stage so far played one
-        space.save_block(course.done - 1, course.blocks[-1].tensors())
+        directory.save_block(course.done - 1, course.blocks[-1].tensors())
     assert course.standardize is not None
     fixed = course.standardize
-    space.save_state(
+    checkpoint.save(
+        directory.checkpoint_path(course.done),
         {
             "log": [asdict(entry) for entry in course.log],
             "standard": {"mean": fixed.mean, "std": fixed.std, "clip": fixed.clip},
             "learner": course.learner.state_dict(),
             "policies": {who: policy.info.sha256 for who, policy in _who(setting).items()},
-        }
+        },
     )
+    directory.prune(1)
 
 
 def _who(setting: Setting) -> dict[str, Policy]:
@@ -137,10 +139,10 @@ def _who(setting: Setting) -> dict[str, Policy]:
     return {"teacher": setting.teacher, "opponent": setting.opponent}
 
 
-def _restore(setting: Setting, space: Workspace) -> None:
-    state = space.state()
-    if state is None:
+def _restore(setting: Setting, directory: DistillDir) -> None:
+    if not directory.checkpoints():
         return
+    state = checkpoint.read(directory.newest_checkpoint())
     for who, policy in _who(setting).items():
         expected = state["policies"][who]
         if policy.info.sha256 != expected:
@@ -155,11 +157,11 @@ def _restore(setting: Setting, space: Workspace) -> None:
     course.standardize = Standardizer(fixed["mean"].to(device), fixed["std"].to(device), fixed["clip"])
     course.learner.load_state_dict(state["learner"])
     for number in range(min(course.done, course.rounds)):
-        kept = {name: tensor.to(device) for name, tensor in space.load_block(number).items()}
+        kept = {name: tensor.to(device) for name, tensor in directory.load_block(number).items()}
         course.blocks.append(Block(kept["observation"], kept["label"], kept["done"]))
 
 
-def _student(setting: Setting, space: Workspace, more: dict[str, Any]) -> FrozenPolicy:
+def _student(setting: Setting, directory: DistillDir, more: dict[str, Any]) -> FrozenPolicy:
     """Write the student's file and read it back: what is scored is what is kept."""
     weights = setting.course.weights()
     made = environment(())
@@ -177,9 +179,9 @@ def _student(setting: Setting, space: Workspace, more: dict[str, Any]) -> Frozen
         "time": made["time"],
         **more,
     }
-    save_file(space.student_path, setting.course.shape, weights, provenance)
+    save_file(directory.student_path, setting.course.shape, weights, provenance)
     name = f"student:{weights_sha256(weights)[:12]} of {teacher.name}"
-    student = load_file(space.student_path, name)
+    student = load_file(directory.student_path, name)
     return student.to(torch.device(config.device))
 
 

@@ -56,18 +56,26 @@ class RunDir:
             RunDirError: it exists and is not empty, or cannot be written.
         """
         run_dir = cls(out or _default_path(config))
-        try:
-            if is_taken(run_dir.path):
-                raise RunDirError(
-                    f"{run_dir.path} exists and is not empty; choose another --out, "
-                    f"or continue it with: apil resume {run_dir.path}"
-                )
-            run_dir.checkpoint_dir.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RunDirError(f"cannot create run directory {run_dir.path}: {error.strerror}") from error
+        run_dir.make("apil resume")
         run_dir.write_config(config, plugins)
         run_dir.note_environment(command)
         return run_dir
+
+    def make(self, resume: str) -> None:
+        """Make it on disk, with nothing in it; ``resume`` is the command that goes on where it is there.
+
+        Raises:
+            RunDirError: it exists and is not empty, or cannot be written.
+        """
+        try:
+            if is_taken(self.path):
+                raise RunDirError(
+                    f"{self.path} exists and is not empty; choose another --out, "
+                    f"or continue it with: {resume} {self.path}"
+                )
+            self.checkpoint_dir.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RunDirError(f"cannot create run directory {self.path}: {error.strerror}") from error
 
     def write_config(self, config: RunConfig, plugins: PluginRegistry) -> None:
         """Store the resolved configuration; ``plugins`` explain their options in its comments."""
