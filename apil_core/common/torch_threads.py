@@ -16,7 +16,7 @@ _Second = TypeVar("_Second")
 
 @contextmanager
 def one_torch_thread() -> Iterator[None]:
-    """Run torch on one thread and give the caller's setting back after.
+    """Run torch on one thread and give the caller's setting back after; also a decorator.
 
     The networks are small: more threads gain little, fight with the physics threads for the cores,
     and would make sums, hence weights, depend on the number of CPUs.

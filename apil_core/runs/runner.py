@@ -37,6 +37,7 @@ _SHAPE = ("hidden", "action_unit", "critic_observes")
 """Settings of PPO that decide what networks look like and mean."""
 
 
+@one_torch_thread()
 def run(
     config: RunConfig,
     *,
@@ -75,6 +76,7 @@ def run(
             return Session(trainer, run_dir, progress or Progress(), registry).go(teacher)
 
 
+@one_torch_thread()
 def resume(
     run_dir: Path | str,
     *,
@@ -200,8 +202,7 @@ def _trainer(config: RunConfig, registry: PluginRegistry, world: World) -> Train
             raise UnknownNameError("recorder", name, registry.recorders)
         if registry.recorders[name].check and world.is_main:
             load(registry.recorders[name].check)()
-    with one_torch_thread():  # first weights and first actions must not depend on the number of cores
-        return Trainer(build(config, registry, world=world), registry)
+    return Trainer(build(config, registry, world=world), registry)
 
 
 def _initialise(trainer: Trainer, source: Path) -> None:

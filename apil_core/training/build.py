@@ -15,6 +15,7 @@ from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.api.types import Context
 from apil_core.common.errors import ConfigError, PluginError
 from apil_core.common.seeds import stream_generator, stream_seed
+from apil_core.common.torch_threads import one_torch_thread
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.registry import build_methods, build_observers, game_spec, make_game
@@ -117,6 +118,7 @@ def generators(seed: int, device: torch.device) -> dict[str, torch.Generator]:
     return {name: stream_generator(seed, f"training {name}", device) for name in ("victim", "method")}
 
 
+@one_torch_thread()
 def build(
     config: RunConfig,
     plugins: PluginRegistry,

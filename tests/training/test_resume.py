@@ -17,7 +17,6 @@ from helpers.small_runs import differences, small_config
 from apil_core import ApilError, ConfigError, RunDirError, resume, run
 from apil_core.config.resolve import dump_yaml
 from apil_core.evaluation.progress import Progress
-from apil_core.runs import runner
 from apil_core.studies.curves.curves import final_scores
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.run_dir import RunDir
@@ -47,26 +46,6 @@ def test_extending_equals_running_through(tmp_path, method, options):
     resumed = resume(tmp_path / "parts", steps=small_config().steps)
     assert resumed.steps == whole.steps
     assert differences(final_state(tmp_path / "whole"), final_state(tmp_path / "parts")) == []
-
-
-def test_a_run_is_built_on_one_torch_thread(tmp_path, monkeypatch):
-    """Of first weights and first actions the last bits depended on the number of cores."""
-    seen, build = [], runner.build
-
-    def spy(*arguments, **options):
-        seen.append(torch.get_num_threads())
-        return build(*arguments, **options)
-
-    monkeypatch.setattr(runner, "build", spy)
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)
-    try:
-        run(small_config(steps=512), out=tmp_path / "r")
-        resume(tmp_path / "r", steps=1024)
-        assert torch.get_num_threads() == 2
-    finally:
-        torch.set_num_threads(before)
-    assert seen == [1, 1]
 
 
 def test_evaluations_during_training_change_nothing(tmp_path):

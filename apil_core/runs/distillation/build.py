@@ -14,6 +14,7 @@ from apil_core.api.policy import Policy
 from apil_core.api.specs import GameSpec
 from apil_core.api.types import View
 from apil_core.common.errors import ConfigError, VictimError
+from apil_core.common.torch_threads import one_torch_thread
 from apil_core.config.game import game_model, overlaid
 from apil_core.plugins.default_victim import is_here
 from apil_core.plugins.discovery import PluginRegistry
@@ -86,6 +87,7 @@ def agent(spec: GameSpec, side: int, plugins: PluginRegistry, flag: str) -> str:
     raise ConfigError(f"{spec.name} names no agent for the {spec.sides[side]}; name one with {flag}")
 
 
+@one_torch_thread()
 def prepare(config: DistillConfig, plugins: PluginRegistry) -> Setting:
     """Build everything; ``config`` as :func:`named` gives it. Seeds torch's global generator.
 

@@ -12,6 +12,7 @@ from apil_core.api.policy import Policy
 from apil_core.api.specs import load
 from apil_core.common.errors import ConfigError, UnknownNameError, VictimError
 from apil_core.common.seeds import stream_generator, stream_seed
+from apil_core.common.torch_threads import one_torch_thread
 from apil_core.plugins.default_victim import default_baseline
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
@@ -51,6 +52,7 @@ class Setting:
         self.game.close()
 
 
+@one_torch_thread()
 def prepare(config: RetrainConfig, plugins: PluginRegistry) -> Setting:
     """Build everything; seeds torch's global generator.
 
