@@ -7,6 +7,7 @@ PettingZoo ``ParallelEnv`` and as a Gymnasium ``Env``, :mod:`apil_core.training.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Any
@@ -31,7 +32,8 @@ class SideLayout:
         name: e.g. ``"kicker"``.
         observation_size: length of its flat observation.
         action_size: length of its continuous action.
-        action_low, action_high: bounds of every action component (the game clips to them).
+        action_low, action_high: bounds of every action component (the game clips to them). Infinite ones
+            mean that the components are scores of choices, of which the game takes the largest.
         blocks: named parts of the observation, in order; they tile it without gaps.
         opponent_channels: indices of the observation that tell about the opponent (blinding).
     """
@@ -46,8 +48,13 @@ class SideLayout:
 
     @property
     def action_limit(self) -> float:
-        """The largest action of a component, to either side."""
-        return max(abs(self.action_low), abs(self.action_high))
+        """The largest action of a component, to either side; 10 for scores, which have no bound."""
+        return 10.0 if self.discrete else max(abs(self.action_low), abs(self.action_high))
+
+    @property
+    def discrete(self) -> bool:
+        """Whether an action is one score per choice."""
+        return math.isinf(self.action_high)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Discrete, Space
 from pettingzoo import ParallelEnv
 
 from apil_core.api.game import Array, Game, GameStep, SideLayout
@@ -37,11 +37,16 @@ def _observation_space(side: SideLayout) -> Box:
     return Box(-np.inf, np.inf, (side.observation_size,), np.float32)
 
 
-def _action_space(side: SideLayout) -> Box:
+def _action_space(side: SideLayout) -> Box | Discrete:
+    """Scores are the core's way to choose: other people's tools choose themselves."""
+    if side.discrete:
+        return Discrete(side.action_size)
     return Box(side.action_low, side.action_high, (side.action_size,), np.float32)
 
 
-def _row(action: Any) -> Array:
+def _row(action: Any, space: Space[Any]) -> Array:
+    if isinstance(space, Discrete):
+        return np.eye(int(space.n), dtype=np.float32)[[int(action)]]
     return np.asarray(action, np.float32)[None]
 
 
@@ -108,8 +113,8 @@ class ParallelGameEnv(ParallelEnv[str, Array, Array]):
         """Unbounded, (observation_size,), float32."""
         return self.observation_spaces[agent]
 
-    def action_space(self, agent: str) -> Box:
-        """Bounds of the controls, (action_size,), float32."""
+    def action_space(self, agent: str) -> Box | Discrete:
+        """Bounds of the controls, (action_size,), float32; for a side that chooses, its number of choices."""
         return self.action_spaces[agent]
 
     def reset(
@@ -135,7 +140,7 @@ class ParallelGameEnv(ParallelEnv[str, Array, Array]):
         """One control step; returns empty dicts once the game is over."""
         if not self.agents:
             return {}, {}, {}, {}, {}
-        first, second = (_row(actions[agent]) for agent in self.possible_agents)
+        first, second = (_row(actions[agent], self.action_spaces[agent]) for agent in self.possible_agents)
         step = self._game.step((first, second))
         over = bool(step.done[0])
         named = list(enumerate(self.possible_agents))
@@ -160,7 +165,7 @@ class ParallelGameEnv(ParallelEnv[str, Array, Array]):
         return {agent: row[0].copy() for agent, row in rows}
 
 
-class OpponentInsideEnv(gymnasium.Env[Array, Array]):
+class OpponentInsideEnv(gymnasium.Env[Array, Any]):
     """A game as a Gymnasium ``Env``: a policy plays one side inside, the caller plays the other.
 
     Rewards and endings as in :class:`ParallelGameEnv`. A seed fixes the game and the policy's draws.
@@ -242,9 +247,9 @@ class OpponentInsideEnv(gymnasium.Env[Array, Array]):
         self._first = True
         return self._observation(), {}
 
-    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """One control step of both sides."""
-        actions = [_row(action), self._opponent_action()]
+        actions = [_row(action, self.action_space), self._opponent_action()]
         if self._side == 1:
             actions.reverse()
         step = self._game.step((actions[0], actions[1]))

@@ -65,7 +65,7 @@ class Play:
     def actions(self) -> tuple[Array, Array]:
         """Normal ones of both sides, each (n, a) float32; about a third out of bounds."""
         first, second = (
-            self.rng.normal(0, side.action_high, (self.game.num_envs, side.action_size)).astype(np.float32)
+            self.rng.normal(0, side.action_limit, (self.game.num_envs, side.action_size)).astype(np.float32)
             for side in self.game.layout.sides
         )
         return first, second

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from envs.test_game_contract import started
+from gymnasium.spaces import Discrete
 from pettingzoo.test import parallel_api_test
 
 from apil_core import (
@@ -142,6 +143,29 @@ def test_the_largest_score_is_chosen() -> None:
     scores = np.array([[0, 0, 1], [3, 2, 1], [0, 0, 0], [-5, -4, -6]], np.float32)
     assert actions.native(scores).tolist() == [4, 2, 2, 3]
     assert actions.size == 3
+
+
+def test_scores_have_no_bound_and_large_ones_do_not_tie() -> None:
+    actions = Scores(Race().action_space("hare"))
+    scores = np.array([[11, 12, -50], [-30, -20, -40], [1e6, 1e6, 1.5e6]], np.float32)
+    assert actions.native(scores).tolist() == [3, 3, 4]
+    cart, hare = race(1).layout.sides
+    assert (cart.discrete, cart.action_low, cart.action_high, cart.action_limit) == (False, -1, 1, 1)
+    assert (hare.discrete, hare.action_low, hare.action_high, hare.action_limit) == (
+        True,
+        -np.inf,
+        np.inf,
+        10,
+    )
+
+
+@pytest.mark.parametrize("choice", [0, 1, 2])
+def test_views_show_scores_as_the_choice_they_are(choice: int) -> None:
+    view = ParallelGameEnv(race(1))
+    assert view.action_space("hare") == Discrete(3)
+    view.reset(seed=0)
+    _, rewards, *_ = view.step({"cart": np.zeros(2, np.float32), "hare": choice})
+    assert rewards["hare"] == (choice + 2 - 3) / 2  # as Race has it, whose choices begin at 2
 
 
 # --- endings

@@ -25,10 +25,10 @@ from retraining.victims import student
 plugins, wide = default_plugins(), (128, 128)
 evader = student(Path(sys.argv[1] + '.safetensors'))
 attack = build(tiny_config("e_apil", victim=evader, ppo={"hidden": wide}), plugins)
-retraining = prepare_retraining(
-    settings(["baseline:random/7x2"], {"env": "toy-pursuit", "victim": evader, "ppo.hidden": wide, "adversary_share": 1}), plugins
-)
-distilling = DistillConfig(env="toy-pursuit", role="evader", teacher=evader, opponent="baseline:random/7x2", hidden=wide)
+here, random = {"env": "toy-pursuit"}, "baseline:random/7x2"
+flags = {**here, "victim": evader, "ppo.hidden": wide, "adversary_share": 1}
+retraining = prepare_retraining(settings([random], flags), plugins)
+distilling = DistillConfig(**here, role="evader", teacher=evader, opponent=random, hidden=wide)
 course = prepare_distillation(named(distilling, plugins), plugins).course
 states = {
     "run": attack.learner.state_dict(),

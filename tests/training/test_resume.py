@@ -11,7 +11,6 @@ import time
 from pathlib import Path
 
 import pytest
-import torch
 from helpers.small_runs import differences, small_config
 
 from apil_core import ApilError, ConfigError, RunDirError, resume, run

@@ -122,7 +122,9 @@ def play(plugins: PluginRegistry, name: str, seconds: str) -> Answer:
         begin, done = time.perf_counter(), 0
         while done == 0 or (done < steps and time.perf_counter() - begin < limit):
             first, second = (
-                rng.uniform(side.action_low, side.action_high, (GAMES, side.action_size)).astype(np.float32)
+                rng.uniform(-side.action_limit, side.action_limit, (GAMES, side.action_size)).astype(
+                    np.float32
+                )
                 for side in game.layout.sides
             )
             game.reset(game.step((first, second)).done)

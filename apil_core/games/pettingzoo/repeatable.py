@@ -32,7 +32,7 @@ def _played(env: ParallelEnv, seats: tuple[Seat, Seat]) -> list[Array]:
     for _ in range(STEPS):
         actions = {}
         for seat in seats:
-            given = rng.uniform(-seat.actions.bound, seat.actions.bound, (1, seat.actions.size))
+            given = rng.uniform(-1, 1, (1, seat.actions.size))  # of scores only the order matters
             actions[seat.agent] = seat.actions.single(seat.actions.native(given)[0])
         observations, rewards, terminations, truncations, _ = env.step(actions)
         trace += [seat.flat(observations[seat.agent]) for seat in seats if seat.agent in observations]

@@ -12,16 +12,13 @@ from gymnasium.spaces import Box, Dict, Discrete, Space, flatdim, flatten
 from apil_core.api.game import Array, SideLayout
 from apil_core.common.errors import ConfigError
 
-SCORE_BOUND = 10.0
-"""Bound of the scores of a discrete action: far out, since clipped scores would tie."""
-
 
 class Actions(ABC):
     """How an action of ours becomes one of the environment.
 
     Attributes:
         size: length of our action.
-        bound: our actions lie within ±bound.
+        bound: our actions lie within ±bound; infinite for scores, which would tie where they are clipped.
         shape, dtype: of the environment's action.
     """
 
@@ -42,7 +39,7 @@ class Actions(ABC):
 class Scores(Actions):
     """``Discrete(k)``: k scores, the largest is chosen (the first of equals)."""
 
-    shape, dtype, bound = (), np.int64, SCORE_BOUND
+    shape, dtype, bound = (), np.int64, np.inf
 
     def __init__(self, space: Discrete):
         self.size = int(space.n)
@@ -50,7 +47,7 @@ class Scores(Actions):
 
     def native(self, actions: Array) -> Array:
         """See :class:`Actions`."""
-        return np.clip(actions, -self.bound, self.bound).argmax(1) + self._start
+        return actions.argmax(1) + self._start
 
     def single(self, native: Array) -> int:
         """See :class:`Actions`."""

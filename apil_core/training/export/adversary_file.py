@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -109,6 +109,8 @@ def load_file(
         provenance = dict(json.loads(metadata["provenance"]))
     except (SafetensorError, OSError, *_ODD) as error:
         raise origin.wrong(f"a file of format {FORMAT}", f"a damaged one ({one_line(error)})") from error
+    if seat and seat.discrete:  # files older than unbounded scores say ±10
+        trained = replace(trained, action_low=seat.action_low, action_high=seat.action_high)
     if seat not in (None, trained):
         raise ConfigError(f"{origin.name} is the {trained.name} of {config.env}; this is another seat")
     if config.method not in plugins.methods:
