@@ -224,6 +224,7 @@ def test_two_files_of_one_name_in_an_archive(tmp_path: Path, mark: Path) -> None
 
 BOX = {":type:": "<class 'gymnasium.spaces.box.Box'>"}
 DATA = {
+    "policy_class": {"__module__": "stable_baselines3.common.policies"},
     "policy_kwargs": {},
     "use_sde": False,
     "observation_space": {**BOX, "_shape": [7], "low": "[-inf]", "high": "[inf]"},

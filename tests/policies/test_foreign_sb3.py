@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import zipfile
 from pathlib import Path
@@ -11,7 +12,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from gymnasium.spaces import Box, Dict, Discrete
+from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete
 from helpers.small_runs import small_config
 
 from apil_core import OpponentInsideEnv, RunConfig, VictimError, View, evaluate, load_policy, resume, run
@@ -21,7 +22,13 @@ from policies.foreign_files import seat, view
 
 sb3 = pytest.importorskip("stable_baselines3", reason="needs the extra sb3: pip install 'apil[sb3]'")
 
+try:
+    import sb3_contrib
+except ImportError:
+    sb3_contrib = None
+
 LOW, HIGH = -0.5, 1.5
+CHOICES = Discrete(3)
 
 
 class Still(gymnasium.Env[Any, Any]):
@@ -40,10 +47,12 @@ class Still(gymnasium.Env[Any, Any]):
 
 def saved(path: Path, algorithm: str, **options: Any) -> tuple[Any, str]:
     """An untrained agent, its policy shaken so that its actions differ, and its name."""
-    small = {} if algorithm in ("PPO", "A2C") else {"buffer_size": 10}
+    if not (library := sb3 if hasattr(sb3, algorithm) else sb3_contrib):
+        pytest.skip("needs sb3-contrib: pip install sb3-contrib")
+    small = {} if algorithm in ("PPO", "A2C", "TRPO", "ARS") else {"buffer_size": 10}
     policy = options.pop("policy", "MlpPolicy")
     env = Still(options.pop("observation", None), options.pop("action", None))
-    model = getattr(sb3, algorithm)(policy, env, device="cpu", **small, **options)
+    model = getattr(library, algorithm)(policy, env, device="cpu", **small, **options)
     with torch.no_grad():
         for number, parameter in enumerate(model.policy.parameters()):
             noise = torch.randn(parameter.shape, generator=torch.Generator().manual_seed(number))
@@ -66,6 +75,11 @@ def theirs(model: Any, now: View) -> torch.Tensor:
         ("SAC", {"net_arch": [16, 8]}),
         ("TD3", {"net_arch": [16], "activation_fn": torch.nn.ELU}),
         ("DDPG", {"net_arch": [16, 8]}),
+        ("TRPO", {}),
+        ("TQC", {"net_arch": [16, 8]}),
+        ("ARS", {}),
+        ("ARS", {"net_arch": [5], "squash_output": False}),
+        ("ARS", {"with_bias": False}),
     ],
 )
 def test_modes_are_those_of_stable_baselines(tmp_path: Path, algorithm: str, kwargs: dict[str, Any]) -> None:
@@ -78,6 +92,100 @@ def test_modes_are_those_of_stable_baselines(tmp_path: Path, algorithm: str, kwa
         decision.action.clamp(LOW, HIGH), theirs(model, view(50)), rtol=1e-4, atol=1e-5
     )
     assert float(decision.action.std()) > 0.01
+
+
+def test_a_linear_ars_is_not_squashed_and_has_no_bias(tmp_path: Path) -> None:
+    model, name = saved(tmp_path / "agent.zip", "ARS", policy="LinearPolicy")
+    action = load_policy(name).act(view(50), sample=True).action
+    torch.testing.assert_close(action.clamp(LOW, HIGH), theirs(model, view(50)), rtol=1e-4, atol=1e-5)
+    assert float(action.max()) > HIGH, "it is the game that clips"
+
+
+@pytest.mark.parametrize("algorithm", ["PPO", "A2C", "DQN", "QRDQN", "ARS", "TRPO"])
+def test_choices_are_those_of_stable_baselines(tmp_path: Path, algorithm: str) -> None:
+    model, name = saved(tmp_path / "agent.zip", algorithm, action=CHOICES)
+    policy = load_policy(name)
+    assert policy.info.action_bounds == (-np.inf, np.inf)
+    assert policy.info.action_size == 3
+    chosen = policy.act(view(200), sample=False).action.argmax(1)
+    assert torch.equal(chosen, theirs(model, view(200)))
+    assert len(set(chosen.tolist())) > 1
+
+
+def test_what_ppo_draws_of_choices_is_as_probable_as_there(tmp_path: Path) -> None:
+    model, name = saved(tmp_path / "agent.zip", "PPO", action=CHOICES)
+    own = view(1).own.expand(20_000, 7)
+    many = View(own, own, torch.ones(len(own), dtype=torch.bool))
+    drawn = load_policy(name).act(many, sample=True, generator=torch.Generator().manual_seed(1))
+    assert drawn.distribution is None
+    shares = torch.bincount(drawn.action.argmax(1), minlength=3) / len(own)
+    expected = model.policy.get_distribution(own[:1]).distribution.probs[0]
+    torch.testing.assert_close(shares, expected.detach(), rtol=0, atol=0.02)
+
+
+@pytest.mark.parametrize("shape", ["shape", "_shape"])
+def test_spaces_of_old_gym(tmp_path: Path, shape: str) -> None:
+    """As Stable-Baselines3 1.0 to 1.3 wrote them with gym 0.17 to 0.19."""
+
+    def box(size: int, bound: float) -> dict[str, Any]:
+        low, high = (str(np.full(size, value, np.float32)) for value in (-bound, bound))
+        kind = {":type:": "<class 'gym.spaces.box.Box'>", ":serialized:": "gASV", "dtype": "float32"}
+        return {**kind, shape: [size], "low": low, "high": high, "np_random": None}
+
+    data = {
+        "policy_class": {
+            ":type:": "<class 'abc.ABCMeta'>",
+            "__module__": "stable_baselines3.common.policies",
+        },
+        "observation_space": box(2, np.inf),
+        "action_space": box(1, 1.0),
+        "use_sde": False,
+    }
+    weights = {
+        "log_std": torch.tensor([0.0]),
+        "mlp_extractor.shared_net.0.weight": torch.tensor([[1.0, 2.0]]),
+        "mlp_extractor.shared_net.0.bias": torch.tensor([0.5]),
+        "mlp_extractor.policy_net.0.weight": torch.tensor([[-1.0]]),
+        "mlp_extractor.policy_net.0.bias": torch.tensor([0.0]),
+        "mlp_extractor.value_net.0.weight": torch.tensor([[9.0]]),
+        "mlp_extractor.value_net.0.bias": torch.tensor([9.0]),
+        "action_net.weight": torch.tensor([[3.0]]),
+        "action_net.bias": torch.tensor([0.25]),
+        "value_net.weight": torch.tensor([[9.0]]),
+        "value_net.bias": torch.tensor([9.0]),
+    }
+    torch.save(weights, pth := io.BytesIO())
+    with zipfile.ZipFile(tmp_path / "agent.zip", "w") as archive:
+        archive.writestr("data", json.dumps(data))
+        archive.writestr("policy.pth", pth.getvalue())
+    own = torch.tensor([[0.1, 0.2]])
+    policy = load_policy(f"sb3:{tmp_path}/agent.zip")
+    action = policy.act(View(own, own, torch.ones(1, dtype=torch.bool)), sample=False).action
+    assert action.item() == pytest.approx(3 * np.tanh(-np.tanh(0.1 + 0.4 + 0.5)) + 0.25)
+    assert policy.info.action_bounds == (-1, 1)
+
+
+def test_another_policy_class_is_refused(tmp_path: Path) -> None:
+    _, name = saved(tmp_path / "agent.zip", "CrossQ")
+    with pytest.raises(VictimError, match=r"found one of sb3_contrib\.crossq\.policies, not supported"):
+        load_policy(name)
+
+    class Mine(sb3.ppo.MlpPolicy):
+        pass
+
+    _, name = saved(tmp_path / "mine.zip", "PPO", policy=Mine)
+    with pytest.raises(VictimError, match=rf"found one of {__name__}, not supported"):
+        load_policy(name)
+
+
+def test_every_weight_of_the_actor_is_used(tmp_path: Path) -> None:
+    model, _ = saved(tmp_path / "agent.zip", "TD3")
+    model.policy.actor.add_module("extra", torch.nn.Linear(2, 2))
+    model.save(tmp_path / "more.zip")
+    with pytest.raises(
+        VictimError, match=r"layers of MlpPolicy only, found actor\.extra\.bias, actor\.extra"
+    ):
+        load_policy(f"sb3:{tmp_path}/more.zip")
 
 
 def test_the_spread_of_ppo_is_that_of_stable_baselines(tmp_path: Path) -> None:
@@ -117,7 +225,10 @@ def test_other_action_bounds_than_the_seats_are_an_error(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
-        ({"action": Discrete(3)}, "expected a one-dimensional Box as action_space, found Discrete"),
+        (
+            {"action": MultiDiscrete([3, 2])},
+            "expected a one-dimensional Box as action_space, found MultiDiscrete",
+        ),
         (
             {"observation": Dict({"a": Box(-1, 1, (7,))}), "policy": "MultiInputPolicy"},
             "expected a one-dimensional Box as observation_space, found Dict",

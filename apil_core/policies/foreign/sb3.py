@@ -1,4 +1,4 @@
-"""``sb3:FILE.zip``: an agent saved by Stable-Baselines3 (PPO, A2C, SAC, TD3, DDPG with ``MlpPolicy``).
+"""``sb3:FILE.zip``: an agent saved by Stable-Baselines3 or sb3-contrib, with ``MlpPolicy``.
 
 Neither stable_baselines3 nor pickle is used: the plain JSON in the archive's ``data`` says what was
 trained (the pickles beside it are passed over), and ``policy.pth`` is read with torch's
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import re
 import zipfile
 import zlib
@@ -21,7 +22,7 @@ from torch import Tensor
 
 from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.policies.foreign.origin import Origin, one_line
-from apil_core.policies.foreign.sb3_networks import make_policy
+from apil_core.policies.foreign.sb3_networks import ARS, KNOWN, make_policy
 
 KIND = "a zip of Stable-Baselines3 (model.save)"
 
@@ -34,14 +35,18 @@ class Facts:
     """What the plain JSON says of an agent.
 
     Attributes:
-        observation_size, action_size: of its spaces.
-        action_bounds: of its action space.
+        observation_size, action_size: of its spaces; a ``Discrete`` action has a score per choice.
+        action_bounds: of its action space; infinite for scores.
+        module: of the policy's class.
+        squashes: whether ARS's actions end in a tanh.
         activation: name of the class between layers, or ``None``: the algorithm's default.
     """
 
     observation_size: int
     action_size: int
     action_bounds: tuple[float, float]
+    module: str
+    squashes: bool
     activation: str | None
 
 
@@ -70,7 +75,7 @@ def load(name: str) -> Policy:
         provenance={"trained steps": str(data.get("num_timesteps", "?"))},
         action_bounds=facts.action_bounds,
     )
-    return make_policy(info, weights, facts.activation)
+    return make_policy(info, weights, facts.module, facts.activation, squashes=facts.squashes)
 
 
 def _parts(origin: Origin) -> tuple[dict[str, Any], bytes]:
@@ -94,45 +99,63 @@ def _parts(origin: Origin) -> tuple[dict[str, Any], bytes]:
 def _facts(origin: Origin, data: Mapping[str, Any]) -> Facts:
     if data.get("use_sde"):
         raise origin.wrong("noise that does not depend on the state", "gSDE (use_sde=True), not supported")
-    observation = _box(origin, data, "observation_space")
-    action = _box(origin, data, "action_space")
-    lows, highs = (_numbers(origin, action, key) for key in ("low", "high"))
-    if len(set(lows)) != 1 or len(set(highs)) != 1:
-        raise origin.wrong("the same bounds for all actions", f"{action['low']} to {action['high']}")
+    made = data.get("policy_class")
+    made = made if isinstance(made, dict) else {}
+    if (module := str(made.get("__module__"))) not in KNOWN:
+        raise origin.wrong(f"a policy class of {', '.join(KNOWN)}", f"one of {module[:80]}, not supported")
+    observation, _ = _box(origin, data, "observation_space")
+    action, bounds = _actions(origin, data)
     kwargs = data.get("policy_kwargs") or {}
     if not isinstance(kwargs, dict):
         raise origin.wrong("a JSON object as policy_kwargs", f"a {type(kwargs).__name__}")
+    linear = "ARSLinearPolicy" in str(made.get("__init__"))
+    squashes = bool(kwargs.get("squash_output", module == ARS and not linear))
     for key in ("squash_output", "features_extractor_class"):
-        if kwargs.get(key):
+        if kwargs.get(key) and (key, module) != ("squash_output", ARS):
             raise origin.wrong("MlpPolicy as it comes", f"policy_kwargs[{key!r}], not supported")
     named = re.fullmatch(r"<class '(?:\w+\.)*(\w+)'>", str(kwargs.get("activation_fn")))
     if "activation_fn" in kwargs and named is None:
         found = repr(kwargs["activation_fn"])[:80]
         raise origin.wrong("the name of a class as policy_kwargs['activation_fn']", f"{found}, not supported")
-    return Facts(
-        observation["_shape"][0], action["_shape"][0], (lows[0], highs[0]), named.group(1) if named else None
-    )
+    return Facts(observation, action, bounds, module, squashes, named.group(1) if named else None)
 
 
-def _box(origin: Origin, data: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    """The readable part of a space, which must be a one-dimensional ``Box``."""
+def _actions(origin: Origin, data: Mapping[str, Any]) -> tuple[int, tuple[float, float]]:
+    """Size and bounds of an action."""
+    space = data.get("action_space")
+    if isinstance(space, dict) and str(space.get(":type:")).endswith(".Discrete'>"):
+        if not re.fullmatch(r"[1-9]\d{0,4}", count := str(space.get("n"))):
+            raise origin.wrong("a number of choices as action_space", f"{count:.60}")
+        return int(count), (-math.inf, math.inf)
+    size, box = _box(origin, data, "action_space")
+    lows, highs = (_numbers(origin, box, key, size) for key in ("low", "high"))
+    if len(set(lows)) != 1 or len(set(highs)) != 1:
+        raise origin.wrong("the same bounds for all actions", f"{box['low']} to {box['high']}")
+    return size, (lows[0], highs[0])
+
+
+def _box(origin: Origin, data: Mapping[str, Any], key: str) -> tuple[int, Mapping[str, Any]]:
+    """Size and readable part of a space, which must be a one-dimensional ``Box``."""
     space = data.get(key)
     kind = str(space.get(":type:", "nothing")) if isinstance(space, dict) else "nothing"
-    shape = space.get("_shape") if isinstance(space, dict) else None
-    if not kind.endswith(".Box'>") or not isinstance(shape, list) or len(shape) != 1:
+    # without the underscore: gym before 0.21, hence Stable-Baselines3 up to 1.3
+    shape = space.get("_shape", space.get("shape")) if isinstance(space, dict) else None
+    fits = isinstance(shape, list) and len(shape) == 1 and isinstance(shape[0], int)
+    if not kind.endswith(".Box'>") or not fits:
         found = kind.removeprefix("<class '").removesuffix("'>").rpartition(".")[2]
         sizes = f" of shape {shape}" if shape else ""
         raise origin.wrong(f"a one-dimensional Box as {key}", f"{found}{sizes}, not supported")
     assert isinstance(space, dict)
-    return space
+    assert isinstance(shape, list)
+    return shape[0], space
 
 
-def _numbers(origin: Origin, space: Mapping[str, Any], key: str) -> list[float]:
+def _numbers(origin: Origin, space: Mapping[str, Any], key: str, size: int) -> list[float]:
     """``"[-1. -1.]"`` as numbers."""
     try:
         values = [float(part) for part in str(space[key]).strip("[]").split()]
     except (KeyError, ValueError):
         values = []
-    if len(values) != space["_shape"][0]:
+    if len(values) != size:
         raise origin.wrong(f"readable bounds of the action space ({key})", f"{space.get(key)!r:.60}")
     return values
