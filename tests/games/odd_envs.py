@@ -6,7 +6,7 @@ import os
 from typing import Any
 
 import numpy as np
-from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete
+from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
 from pettingzoo import ParallelEnv
 
 UNIT = Box(-1, 1, (2,), np.float32)
@@ -75,7 +75,8 @@ class Scripted(ParallelEnv):
 
     Args:
         plan: per step from 1, any of ``rewards``, ``out`` (agents terminated), ``cut`` (agents truncated),
-            ``gone`` (agents no longer observed), ``seen`` (the first number of both observations), ``infos``,
+            ``gone`` (agents not observed any more), ``left`` (those not in ``agents``), ``seen`` (the first
+            number of both observations), ``sees`` (observations), ``pay`` (rewards as they are), ``infos``,
             ``say`` (printed), ``raise`` (text), ``exit`` (the process ends). The first trial plays ten steps
             only.
         agents, actions, observations: names, and kinds of spaces.
@@ -99,7 +100,16 @@ class Scripted(ParallelEnv):
             "whole": Box(0, 10, (1,), np.int32),
             "multi": MultiDiscrete([2, 2]),
         }[actions]
-        self._observations = {"box": UNIT, "discrete": Discrete(4), "binary": MultiBinary(3)}[observations]
+        self._observations = {
+            "box": UNIT,
+            "discrete": Discrete(4),
+            "binary": MultiBinary(3),
+            "whole": Box(0, 255, (2,), np.uint8),
+            "multi": MultiDiscrete([3, 2]),
+            "parts": Tuple(
+                (Discrete(2, start=-1), Dict({"b": MultiDiscrete([2, 3]), "a": Box(0, 1, (1, 2))}))
+            ),
+        }[observations]
 
     def observation_space(self, agent: str) -> Any:
         return self._observations
@@ -108,8 +118,12 @@ class Scripted(ParallelEnv):
         return self._actions
 
     def _see(self, first: float = 0.5) -> Any:
-        if isinstance(self._observations, Box):
+        if self._observations is UNIT:
             return np.array([first, 0.25], np.float32)
+        if isinstance(self._observations, Tuple):
+            return (-1, {"a": np.array([[0.5, 1]], np.float32), "b": np.array([1, 2])})
+        if isinstance(self._observations, Box | MultiDiscrete):
+            return np.array([2, 1], self._observations.dtype)
         return 3 if isinstance(self._observations, Discrete) else np.array([1, 0, 1], np.int8)
 
     def reset(self, seed: int | None = None, options: Any = None) -> Any:
@@ -126,10 +140,11 @@ class Scripted(ParallelEnv):
             os._exit(3)
         if "raise" in now:
             raise KeyError(now["raise"])
+        self.agents = [agent for agent in self.agents if agent not in now.get("left", ())]
         here = [agent for agent in self.possible_agents if agent not in now.get("gone", ())]
         return (
-            {agent: self._see(float(now.get("seen", 0.5))) for agent in here},
-            {agent: float(now.get("rewards", {}).get(agent, 0)) for agent in here},
+            {agent: self._see(float(now.get("seen", 0.5))) for agent in here} | now.get("sees", {}),
+            {agent: float(now.get("rewards", {}).get(agent, 0)) for agent in here} | now.get("pay", {}),
             {agent: agent in now.get("out", ()) for agent in self.possible_agents},
             {agent: agent in now.get("cut", ()) for agent in self.possible_agents},
             now.get("infos", {}),
@@ -141,6 +156,15 @@ class Careless(Race):
 
     def reset(self, seed: int | None = None, options: Any = None) -> Any:
         return super().reset(int.from_bytes(os.urandom(4)))
+
+
+class Unlisted(Race):
+    """Does not say who plays."""
+
+    def reset(self, seed: int | None = None, options: Any = None) -> Any:
+        seen = super().reset(seed)
+        self.agents = []
+        return seen
 
 
 def broken_maker() -> None:

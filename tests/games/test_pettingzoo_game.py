@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from envs.test_game_contract import started
-from gymnasium.spaces import Discrete
+from gymnasium.spaces import Discrete, flatten
 from pettingzoo.test import parallel_api_test
 
 from apil_core import (
@@ -113,10 +113,71 @@ def test_discrete_observations_and_dicts_become_flat() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "seen"), [("discrete", [0, 0, 0, 1]), ("binary", [1, 0, 1]), ("box", [0.5, 0.25])]
+    ("kind", "seen"),
+    [
+        ("discrete", [0, 0, 0, 1]),
+        ("binary", [1, 0, 1]),
+        ("box", [0.5, 0.25]),
+        ("whole", [2, 1]),
+        ("multi", [0, 0, 1, 0, 1]),
+        ("parts", [1, 0, 0.5, 1, 0, 1, 0, 0, 1]),
+    ],
 )
 def test_kinds_of_observations(kind: str, seen: list[float]) -> None:
-    assert scripted(kwargs={"observations": kind}).observations[0].tolist() == [seen]
+    game = scripted(kwargs={"observations": kind})
+    assert game.observations[0].tolist() == [seen]
+    env = Scripted(observations=kind)
+    flat = flatten(env.observation_space("a"), env.reset()[0]["a"])
+    assert flat.tolist() == seen, "as gymnasium has it"
+
+
+OUTSIDE = [
+    ("discrete", -1, r"Discrete\(4\) has no -1"),
+    ("discrete", 4, r"Discrete\(4\) has no 4"),
+    ("discrete", 1.5, r"Discrete\(4\) has no 1\.5"),
+    ("discrete", None, r"Discrete\(4\) has no None"),
+    ("binary", np.array([0, 0.5, 1]), r"MultiBinary\(3\) has no 0\.5"),
+    ("binary", np.array([0, 2, 1]), r"MultiBinary\(3\) has no 2"),
+    ("whole", np.array([0.7, 1]), r"Box\(0, 255, \(2,\), uint8\) has no 0\.7"),
+    ("whole", np.array([1, 300]), r"Box\(0, 255, \(2,\), uint8\) has no 300"),
+    ("multi", np.array([3, 0]), r"MultiDiscrete\(\[3 2\]\) has no 3"),
+    ("box", np.zeros(1, np.float32), r"Box\(-1\.0, 1\.0, \(2,\), float32\) has no \[0\.\]"),
+    ("box", np.array(["0.5", "1"]), r"has no \['0\.5' '1'\]"),
+    ("parts", (0, {"a": np.zeros((1, 2)), "b": np.array([1, 3])}), r"MultiDiscrete\(\[2 3\]\) has no 3"),
+    ("parts", (0, {"a": np.zeros((1, 2))}), r"has no \(0, \{'a': array"),
+]
+
+
+@pytest.mark.parametrize(("kind", "value", "message"), OUTSIDE)
+def test_observations_outside_their_space_are_refused(kind: str, value: Any, message: str) -> None:
+    """Not truncated, wrapped or one-hot in the neighbour's place, as gymnasium's flatten does."""
+    for time, error in ((2, ConfigError), (12, PluginError)):  # in the first trial, and in the game
+        kwargs = {"observations": kind, "plan": {time: {"sees": {"b": value}}}}
+        with pytest.raises(error, match=f"ValueError: agent 'b': its observation space .*{message}"):
+            last(scripted(kwargs=kwargs), 12)
+
+
+def test_other_numbers_are_checked_when_the_game_is_tried() -> None:
+    with pytest.raises(ConfigError, match=r"agent 'a': .* Box\(-1\.0, 1\.0, \(2,\), float32\) has no 2\.0"):
+        scripted({2: {"sees": {"a": np.array([2, 0], np.float32)}}})
+    assert last(scripted({12: {"seen": 2}}), 12).done.tolist() == [False]
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        ({"pay": {"b": np.ones(1)}}, r"agent 'b': reward array\(\[1\.\]\) is no number"),
+        ({"pay": {"a": None}}, "agent 'a': reward None is no number"),
+        ({"pay": {"a": "3"}}, "agent 'a': reward '3' is no number"),
+        ({"infos": None}, "agent 'a': info None: expected a dict"),
+        ({"infos": {"b": [1]}}, r"agent 'b': info \[1\]: expected a dict"),
+        ({"infos": {"b": {"winner": "no"}}}, "agent 'b': info {'winner': 'no'}: .*any 'winner' in it a bool"),
+    ],
+)
+def test_odd_rewards_and_infos_are_refused(what: dict[str, Any], message: str) -> None:
+    for time, error in ((2, ConfigError), (12, PluginError)):
+        with pytest.raises(error, match=f"ValueError: {message}"):
+            last(scripted({time: what}), 12)
 
 
 def test_box_actions_reach_both_bounds() -> None:
@@ -199,6 +260,16 @@ def test_one_agent_out_is_the_end_and_its_last_sight_stays() -> None:
     game = scripted(plan)
     assert ending(game, 3) == ("terminated", 0, [1000, -1000])
     assert [seen[0, 0] for seen in game.observations] == [0.75, 0.5]
+
+
+def test_an_agent_that_has_left_is_out() -> None:
+    plan = {3: {"left": ["b"], "gone": ["b"], "rewards": {"a": 1}}}
+    assert ending(scripted(plan), 3) == ("terminated", 0, [1000, -1000])
+
+
+def test_agents_that_are_not_there_after_reset_are_refused() -> None:
+    with pytest.raises(ConfigError, match="after reset.. its 'agents' lack 'cart'"):
+        make_game("pettingzoo:games.odd_envs:Unlisted", num_envs=1)
 
 
 def test_time_is_up_at_max_steps() -> None:

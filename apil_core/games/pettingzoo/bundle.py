@@ -46,6 +46,7 @@ class Bundle(gymnasium.Env[Any, Any]):
         self._index = index
         self._games = games
         self._envs: list[ParallelEnv] = []
+        self._rows = [np.zeros((games, seat.columns.width)) for seat in seats]
         rows = {f"observation_{side}": ((games, seat.size), np.float32) for side, seat in enumerate(seats)}
         told = {
             "reward": ((games, 2), np.float64),
@@ -65,15 +66,15 @@ class Bundle(gymnasium.Env[Any, Any]):
     ) -> tuple[dict[str, Array], dict[str, Any]]:
         """Start new games where ``options["seeds"][index]`` is not negative; the others go on."""
         seeds = (options or {})["seeds"][self._index]
-        return self._shown, self._each(np.flatnonzero(seeds >= 0), lambda i: self._begin(i, int(seeds[i])))
+        return self._shown, self._tried(lambda: self._begin(np.flatnonzero(seeds >= 0), seeds))
 
     def step(self, action: dict[str, Array]) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
         """Play one step of the games that are ``active``. The bundle itself never ends."""
         self._shown["reward"][:] = 0
         self._shown["cause"][:] = GOES_ON
         self._shown["winner"][:] = NO_WINNER
-        info = self._each(np.flatnonzero(action["active"]), lambda i: self._play(i, action))
-        return self._shown, 0.0, False, False, info
+        games = np.flatnonzero(action["active"])
+        return self._shown, 0.0, False, False, self._tried(lambda: self._step(games, action))
 
     def close(self) -> None:
         """Close the environments."""
@@ -90,60 +91,98 @@ class Bundle(gymnasium.Env[Any, Any]):
         except Exception as error:
             return one_line(error)
 
-    def _each(self, games: Array, do: Callable[[int], None]) -> dict[str, Any]:
+    def _tried(self, do: Callable[[], None]) -> dict[str, Any]:
         try:
             while len(self._envs) < self._games:
                 self._envs.append(self._maker())
             with prints_to_stderr():
-                for game in games:
-                    do(int(game))
+                do()
         except (Exception, SystemExit) as error:
             return {"failure": one_line(error)}
         return {}
 
-    def _begin(self, game: int, seed: int) -> None:
-        observations, _ = self._envs[game].reset(seed=seed)
-        rows = [seat.flat(observations[seat.agent]) for seat in self._seats]
-        if not all(np.isfinite(row).all() for row in rows):
+    def _begin(self, games: Array, seeds: Array) -> None:
+        for game in games:
+            observations, _ = self._envs[game].reset(seed=int(seeds[game]))
+            for seat, rows in zip(self._seats, self._rows, strict=True):
+                seat.columns.read(observations[seat.agent], rows[game])
+        if not self._see(games, np.ones(len(games), bool)).all():
             raise ValueError("reset() gives NaN or infinite observations")
-        self._see(game, rows)
 
-    def _play(self, game: int, action: dict[str, Array]) -> None:
-        actions = {
-            seat.agent: seat.actions.single(action[f"action_{i}"][game]) for i, seat in enumerate(self._seats)
-        }
-        observations, rewards, terminations, truncations, infos = self._envs[game].step(actions)
-        rows = [
-            seat.flat(observations[seat.agent]) if seat.agent in observations else self._row(i, game)
-            for i, seat in enumerate(self._seats)
-        ]
-        reward = np.array([rewards.get(seat.agent, 0.0) for seat in self._seats], np.float64)
+    def _step(self, games: Array, action: dict[str, Array]) -> None:
+        rewards = numbers([self._play(int(game), action) for game in games], self._seats)
+        fine = self._see(games, np.abs(rewards).max(axis=1, initial=0) < FLOAT32_MAX)
         shown = self._shown
-        if not all(np.isfinite(row).all() for row in rows) or not (np.abs(reward) < FLOAT32_MAX).all():
-            shown["cause"][game] = DIVERGED
-            return
-        self._see(game, rows)
-        shown["reward"][game] = reward
+        shown["reward"][games[fine]] = rewards[fine]
+        shown["cause"][games[~fine]] = DIVERGED
+        shown["winner"][games[~fine]] = NO_WINNER
+
+    def _play(self, game: int, action: dict[str, Array]) -> list[Any]:
+        """One step of one game; returns the rewards."""
+        env, seats = self._envs[game], self._seats
+        actions = {
+            seat.agent: seat.actions.single(action[f"action_{i}"][game]) for i, seat in enumerate(seats)
+        }
+        observations, rewards, terminations, truncations, infos = env.step(actions)
+        for seat, rows in zip(seats, self._rows, strict=True):
+            if seat.agent in observations:  # else its last sight stays
+                seat.columns.read(observations[seat.agent], rows[game])
         # one agent out is the end of a game of two
         if any(terminations.values()):
-            shown["cause"][game] = TERMINATED
+            self._shown["cause"][game] = TERMINATED
         elif any(truncations.values()):
-            shown["cause"][game] = TRUNCATED
-        shown["winner"][game] = self._winner(infos)
+            self._shown["cause"][game] = TRUNCATED
+        elif any(seat.agent not in env.agents for seat in seats):
+            self._shown["cause"][game] = TERMINATED
+        self._shown["winner"][game] = said_winner(infos, seats)
+        return [rewards.get(seat.agent, 0.0) for seat in seats]
 
-    def _see(self, game: int, rows: list[Array]) -> None:
-        for side, row in enumerate(rows):
-            self._row(side, game)[:] = row
+    def _see(self, games: Array, fine: Array) -> Array:
+        """Show what those ``games`` that are ``fine`` look like; returns which are, with finite numbers."""
+        flat = [seat.columns.flat(rows[games]) for seat, rows in zip(self._seats, self._rows, strict=True)]
+        for rows in flat:
+            fine = fine & np.isfinite(rows).all(axis=1)
+        for side, rows in enumerate(flat):
+            self._shown[f"observation_{side}"][games[fine]] = rows[fine]
+        return fine
 
-    def _row(self, side: int, game: int) -> Array:
-        return self._shown[f"observation_{side}"][game]
 
-    def _winner(self, infos: dict[str, dict[str, Any]]) -> int:
-        said = [infos.get(seat.agent, {}).get("winner") for seat in self._seats]
-        if said == [None, None]:
-            return UNSAID
-        winners = [side for side, word in enumerate(said) if word]
-        return winners[0] if len(winners) == 1 else NO_WINNER
+def numbers(rewards: list[list[Any]], seats: tuple[Seat, Seat]) -> Array:
+    """The agents' rewards, (n, 2) float64.
+
+    Raises:
+        ValueError: one is no number.
+    """
+    with suppress(ValueError):
+        array = np.array(rewards)
+        if array.shape == (len(rewards), 2) and array.dtype.kind in "biuf":
+            return array.astype(np.float64)
+    for row in rewards:
+        for seat, reward in zip(seats, row, strict=True):
+            if np.ndim(reward) or np.asarray(reward).dtype.kind not in "biuf":
+                raise ValueError(f"agent {seat.agent!r}: reward {reward!r:.60} is no number")
+    return np.zeros((0, 2))
+
+
+def said_winner(infos: Any, seats: tuple[Seat, Seat]) -> int:
+    """Who the agents' infos say has won.
+
+    Raises:
+        ValueError: infos are no dicts, or say something else than yes or no.
+    """
+    said = []
+    for seat in seats:
+        info = infos.get(seat.agent, {}) if isinstance(infos, dict) else infos
+        word = info.get("winner") if isinstance(info, dict) else info
+        if not isinstance(info, dict) or not (word is None or (np.ndim(word) == 0 and word in (0, 1))):
+            raise ValueError(
+                f"agent {seat.agent!r}: info {info!r:.60}: expected a dict, any 'winner' in it a bool"
+            )
+        said.append(word)
+    if said == [None, None]:
+        return UNSAID
+    winners = [side for side, word in enumerate(said) if word]
+    return winners[0] if len(winners) == 1 else NO_WINNER
 
 
 def make_bundle(maker: Maker, seats: tuple[Seat, Seat], games: int, index: int, parent: int) -> Bundle:

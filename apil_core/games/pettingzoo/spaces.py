@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from gymnasium.spaces import Box, Dict, Discrete, Space, flatdim, flatten
+from gymnasium.spaces import (
+    Box,
+    Dict,
+    Discrete,
+    MultiBinary,
+    MultiDiscrete,
+    Space,
+    Tuple,
+    flatdim,
+    flatten,
+    flatten_space,
+)
 
 from apil_core.api.game import Array, SideLayout
 from apil_core.common.errors import ConfigError
@@ -78,6 +90,118 @@ class Scaled(Actions):
         return native.copy()  # the environment may write to it
 
 
+class Columns:
+    """An observation space taken apart: an environment's observations as rows of numbers, checked and flat.
+
+    A ``Discrete`` number takes one column of a row, and as many of the flat observation as it has values.
+
+    Attributes:
+        width: of a row.
+        size: of the flat observation, in gymnasium's order.
+    """
+
+    def __init__(self, agent: str, space: Space[Any]):
+        self._agent = agent
+        self._space = space
+        self._leaves = list(_leaves(space))
+        widths = [int(np.prod(leaf.shape or ())) for leaf in self._leaves]
+        self._ends = np.cumsum([0, *widths]).tolist()
+        self.width = self._ends[-1]
+        lows, highs, hots = zip(*map(_bounds, self._leaves), strict=True)
+        self._low, self._high = (np.concatenate(bounds).astype(np.float64) for bounds in (lows, highs))
+        hot = np.repeat(hots, widths)
+        whole = [np.dtype(leaf.dtype).kind in "biu" for leaf in self._leaves]
+        self._whole = np.repeat(whole, widths)
+        sizes = np.where(hot, self._high - self._low + 1, 1).astype(int)
+        starts = np.cumsum(sizes) - sizes
+        self.size = int(sizes.sum())
+        self._plain, self._hot = np.flatnonzero(~hot), np.flatnonzero(hot)
+        self._plain_at, self._hot_at = (
+            starts[self._plain],
+            starts[self._hot] - self._low[self._hot].astype(int),
+        )
+
+    def read(self, observation: Any, row: Array) -> None:
+        """Fill ``row`` (width,) float64.
+
+        Raises:
+            ValueError: a part is missing, of another shape, or no number.
+        """
+        parts = list(_parts(self._space, observation))
+        if len(parts) != len(self._leaves):
+            raise self._outside(self._space, observation)
+        for leaf, part, start, end in zip(self._leaves, parts, self._ends, self._ends[1:], strict=False):
+            numbers = np.asarray(part)
+            if numbers.shape != leaf.shape or numbers.dtype.kind not in "biuf":
+                raise self._outside(leaf, part)
+            row[start:end] = numbers.ravel()
+
+    def flat(self, rows: Array, *, tried: bool = False) -> Array:
+        """Flat observations (n, size) float32 of ``rows`` (n, width).
+
+        Args:
+            rows: as :meth:`read` fills them.
+            tried: check the range of other numbers than whole ones too.
+
+        Raises:
+            ValueError: a number is outside its space.
+        """
+        if tried or self._whole.any():
+            outside = (rows < self._low) | (rows > self._high) | (self._whole & (rows != np.rint(rows)))
+            outside &= self._whole | (tried & np.isfinite(rows))
+            if outside.any():
+                row, column = np.argwhere(outside)[0]
+                leaf = self._leaves[np.searchsorted(self._ends, column, side="right") - 1]
+                raise self._outside(leaf, rows[row, column])
+        with np.errstate(over="ignore"):  # what does not fit becomes infinite, which ends the game
+            if not len(self._hot):
+                return rows.astype(np.float32)
+            flat = np.zeros((len(rows), self.size), np.float32)
+            flat[:, self._plain_at] = rows[:, self._plain]
+        flat[np.arange(len(rows))[:, None], self._hot_at + rows[:, self._hot].astype(int)] = 1
+        return flat
+
+    def _outside(self, space: Space[Any], value: Any) -> ValueError:
+        shown = " ".join(f"{value}".split())[:60]
+        return ValueError(f"agent {self._agent!r}: its observation space {space} has no {shown}")
+
+
+def _leaves(space: Space[Any]) -> Iterator[Space[Any]]:
+    """Spaces of numbers, in gymnasium's order."""
+    if isinstance(space, Dict | Tuple):
+        for part in space.spaces.values() if isinstance(space, Dict) else space.spaces:
+            yield from _leaves(part)
+    else:
+        yield (
+            space if isinstance(space, Box | Discrete | MultiBinary | MultiDiscrete) else flatten_space(space)
+        )
+
+
+def _parts(space: Space[Any], value: Any) -> Iterator[Any]:
+    """What an observation has for each of :func:`_leaves`; too few or many where it has other parts."""
+    if isinstance(space, Dict | Tuple):
+        parts = dict(space.spaces.items() if isinstance(space, Dict) else enumerate(space.spaces))
+        given = value if isinstance(space, Dict) else dict(enumerate(value))
+        if given.keys() == parts.keys():
+            for key, part in parts.items():
+                yield from _parts(part, given[key])
+    else:
+        numbers = isinstance(space, Box | Discrete | MultiBinary | MultiDiscrete)
+        yield value if numbers else flatten(space, value)
+
+
+def _bounds(space: Space[Any]) -> tuple[Array, Array, bool]:
+    """Lowest and highest of each number, and whether each becomes one column per value."""
+    if isinstance(space, Box):
+        return space.low.ravel(), space.high.ravel(), False
+    if isinstance(space, MultiBinary):
+        return np.zeros(np.prod(space.shape)), np.ones(np.prod(space.shape)), False
+    assert isinstance(space, Discrete | MultiDiscrete)
+    count = np.ravel(space.n if isinstance(space, Discrete) else space.nvec)
+    first = np.ravel(space.start)
+    return first, first + count - 1, True
+
+
 @dataclass(frozen=True)
 class Seat:
     """One agent: what it sees and does.
@@ -85,13 +209,13 @@ class Seat:
     Attributes:
         agent: its name in the environment.
         space: of its observations.
-        size: of the flat observation.
+        columns: how they become flat.
         actions: how its actions are made.
     """
 
     agent: str
     space: Space[Any]
-    size: int
+    columns: Columns
     actions: Actions
 
     @classmethod
@@ -103,18 +227,19 @@ class Seat:
         """
         if not observation.is_np_flattenable:
             raise ConfigError(f"agent {agent!r}: observations of {observation} cannot be made flat")
+        columns = Columns(agent, observation)
         if isinstance(action, Discrete):
-            return cls(agent, observation, flatdim(observation), Scores(action))
+            return cls(agent, observation, columns, Scores(action))
         if not isinstance(action, Box):
             raise ConfigError(f"agent {agent!r}: actions must be a Box or Discrete, these are {action}")
         if not action.is_bounded("both"):
             raise ConfigError(f"agent {agent!r}: actions need finite bounds, these are {action}")
-        return cls(agent, observation, flatdim(observation), Scaled(action))
+        return cls(agent, observation, columns, Scaled(action))
 
-    def flat(self, observation: Any) -> Array:
-        """An observation as (size,) float32."""
-        with np.errstate(over="ignore"):  # what does not fit becomes infinite, which ends the game
-            return np.asarray(flatten(self.space, observation), np.float32)
+    @property
+    def size(self) -> int:
+        """Of the flat observation."""
+        return self.columns.size
 
     def layout(self, opponent_channels: tuple[int, ...]) -> SideLayout:
         """This seat as the core sees it; the parts of a ``Dict`` observation are its blocks.
