@@ -40,7 +40,12 @@ def _path_text(value: Any) -> Any:
 class Section(BaseModel):
     """Base of every config model: unknown keys are errors, values are checked on assignment."""
 
-    model_config = ConfigDict(extra="forbid", validate_assignment=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(
+        extra="forbid",
+        validate_assignment=True,
+        use_attribute_docstrings=True,
+        ser_json_inf_nan="constants",
+    )
 
 
 class RewardConfig(Section):

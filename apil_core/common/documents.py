@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import to_jsonable_python
 
 from apil_core.common.errors import ConfigError
 from apil_core.common.files import write_atomically
+
+EXACT = ConfigDict(ser_json_inf_nan="constants")
+"""For models with untyped parts: infinite numbers stay, which pydantic would make null."""
+
+
+def plain(model: BaseModel) -> dict[str, Any]:
+    """A model as JSON has it, infinite numbers in models of other people's too."""
+    content: dict[str, Any] = to_jsonable_python(model.model_dump())
+    return content
 
 
 class JsonDocument(BaseModel):
@@ -19,6 +29,8 @@ class JsonDocument(BaseModel):
         created: when, ISO 8601 with time zone.
         command: what made it.
     """
+
+    model_config = EXACT
 
     maker: ClassVar[str]
     created: str

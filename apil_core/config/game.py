@@ -15,6 +15,7 @@ from pydantic import BaseModel, ValidationError, create_model
 from apil_core.api.config import RunConfig, Section
 from apil_core.api.profiles import ProfiledOptions
 from apil_core.api.specs import options_model
+from apil_core.common.documents import plain
 from apil_core.common.errors import ApilError
 from apil_core.config.layers import Key, Layer, flag_layer, merge, set_layer
 from apil_core.config.problems import Problem, problems_of, raise_problems
@@ -104,7 +105,7 @@ def with_game_options(
     except ValidationError as error:
         raise_problems(problems_of(error, model), written)
         raise
-    return config.model_copy(update=checked.model_dump(mode="json"), deep=True)
+    return config.model_copy(update=plain(checked), deep=True)
 
 
 def spelt_out(env: str, options: Mapping[str, Any], plugins: PluginRegistry) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from pydantic import ValidationError, create_model
 
 from apil_core.api.config import RunConfig, Section
 from apil_core.api.specs import options_model, titled
+from apil_core.common.documents import plain
 from apil_core.common.errors import ConfigError, UnknownNameError
 from apil_core.config.layers import Key, Layer, merge, set_layer
 from apil_core.config.problems import problems_of, raise_problems
@@ -59,7 +60,7 @@ def with_observers(
     except ValidationError as error:
         raise_problems(problems_of(error, model), written)
         raise
-    options = checked.model_dump(mode="json")["options"]
+    options = plain(checked)["options"]
     return config.model_copy(
         update={
             "observers": (*config.observers, *observers),

@@ -17,6 +17,7 @@ from pydantic import ValidationError
 
 from apil_core.api.config import SCHEMA_VERSION, RunConfig
 from apil_core.api.specs import GameSpec, RunPluginSpec, titled
+from apil_core.common.documents import plain
 from apil_core.common.errors import ConfigError, suggest
 from apil_core.config.absent import read_stored, with_absent
 from apil_core.config.game import game_model, profile_problems, settled
@@ -127,7 +128,7 @@ def complete(config: RunConfig, plugins: PluginRegistry) -> RunConfig:
     Raises:
         ConfigError: one line per mistake.
     """
-    data = config.model_dump(mode="json")
+    data = plain(config)
     # stored configs resolve relative paths against their own directory
     data["plugins"] = [str(Path(path).resolve()) for path in config.plugins]
     data["init_from"] = located(config.init_from, Path())
@@ -264,7 +265,7 @@ def _without_keys(data: Mapping[str, Any], problems: Sequence[Problem]) -> dict[
 
 def _complete(config: RunConfig, game: GameSpec, plugins: PluginRegistry) -> RunConfig:
     """Plain ``RunConfig`` in which "the game's own" is spelt out."""
-    data = config.model_dump(mode="json")
+    data = plain(config)
     own = game.rewards
     rewards = {
         "dense_weight": own.dense_weight,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from pydantic import BaseModel
 
 from apil_core.api.config import ActionMode, BlindMode, RunConfig
+from apil_core.common.documents import EXACT
 from apil_core.common.statistics import wilson_interval
 
 if TYPE_CHECKING:
@@ -30,6 +31,8 @@ class PolicyId(BaseModel):
 
 class Circumstances(BaseModel):
     """Who played what against whom, and how: base of everything that reports played games."""
+
+    model_config = EXACT
 
     env: str
     adversary: PolicyId

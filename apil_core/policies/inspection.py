@@ -10,6 +10,7 @@ from pydantic import BaseModel
 from apil_core.api.game import GameLayout
 from apil_core.api.policy import Policy
 from apil_core.api.types import View
+from apil_core.common.documents import EXACT
 from apil_core.common.errors import UnknownNameError
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.plugins.discovery import PluginRegistry
@@ -35,6 +36,8 @@ class Inspection(BaseModel):
         errors: why it cannot take the seat.
         notes: what is worth knowing.
     """
+
+    model_config = EXACT
 
     name: str
     sha256: str

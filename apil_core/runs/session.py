@@ -11,6 +11,7 @@ from pydantic import BaseModel
 
 from apil_core.api.method import RunPlugin
 from apil_core.api.policy import Policy
+from apil_core.common.documents import EXACT
 from apil_core.common.errors import ApilError
 from apil_core.common.files import sha256
 from apil_core.common.machine import resident_mb
@@ -34,6 +35,8 @@ from apil_core.training.trainer import Trainer
 
 class RunResult(BaseModel):
     """How a run ended."""
+
+    model_config = EXACT
 
     run_dir: Path
     status: Literal["finished", "interrupted"]

@@ -17,6 +17,7 @@ from pydantic import BaseModel
 from apil_core.api.config import ActionMode, EvaluationConfig
 from apil_core.api.profiles import Profile, ProfiledOptions
 from apil_core.api.specs import GameSpec, Matchup, PublishedScore, load
+from apil_core.common.documents import EXACT
 from apil_core.common.errors import ConfigError, suggest
 from apil_core.config.game import PHYSICS
 from apil_core.plugins.registry import options_model
@@ -38,6 +39,8 @@ class RowPlan(BaseModel):
         published: what to compare with.
         stands_in_for: the adversary ``published`` was measured with, if it is another one.
     """
+
+    model_config = EXACT
 
     env: str
     adversary: str

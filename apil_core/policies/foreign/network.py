@@ -47,7 +47,7 @@ class Signature(BaseModel):
         provenance: where it came from, for people.
     """
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", ser_json_inf_nan="constants")
 
     reads: Annotated[tuple[Reads, ...], Field(min_length=1)] = ("observation",)
     state: tuple[Annotated[int, Field(gt=0)], ...] = ()

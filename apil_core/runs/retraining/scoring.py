@@ -8,6 +8,7 @@ from typing import Literal
 import torch
 from pydantic import BaseModel
 
+from apil_core.common.documents import EXACT
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult, PolicyId
 from apil_core.evaluation.score import evaluate
@@ -64,6 +65,8 @@ class RetrainResult(BaseModel):
         before, after: scores of each opponent on its own against the victim as it was and as it is now, by
             label. As everywhere ``wins`` are the adversary's: the victim's are its ``losses``.
     """
+
+    model_config = EXACT
 
     directory: Path
     status: Literal["finished", "interrupted", "failed"]

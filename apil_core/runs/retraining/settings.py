@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from apil_core.api.config import RunConfig
+from apil_core.common.documents import plain
 from apil_core.common.errors import ConfigError
 from apil_core.config.game import game_model, profile_problems, settled
 from apil_core.config.layers import Layer, flag_layer, merge, set_layer
@@ -136,7 +137,7 @@ def _checked(base: dict[str, Any], asked: Sequence[Layer], plugins: PluginRegist
     data, origins = merge(own, layers)
     raise_problems(profile_problems(data, model, env), origins)
     try:
-        data["game"] = model.model_validate(data["game"]).model_dump(mode="json")
+        data["game"] = plain(model.model_validate(data["game"]))
     except ValidationError as error:
         found = problems_of(error, model)
         raise_problems([type(each)(("game", *each.key), each.reason) for each in found], origins)

@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel
 
+from apil_core.common.documents import EXACT
 from apil_core.studies.report.panel_models import (
     Ablation,
     AblationRow,
@@ -161,6 +162,8 @@ class Provenance(BaseModel):
         hours: of training, summed over runs.
         steps: of training, summed over runs.
     """
+
+    model_config = EXACT
 
     directories: list[str]
     matrices: dict[str, dict[str, Any]]

@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel
 
+from apil_core.common.documents import EXACT
 from apil_core.common.statistics import Difference
 from apil_core.studies.report.words import budget_mark
 
@@ -35,6 +36,8 @@ class Setting(BaseModel):
         notes: what makes its numbers weaker than the published ones, one sentence each, loudest first.
         matches_published: nothing of that kind: budget, physics, victim and action modes are the paper's.
     """
+
+    model_config = EXACT
 
     id: str
     label: str
