@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import onnx
 import pytest
@@ -131,6 +133,55 @@ def test_other_outputs_are_told(tmp_path: Path, network: nn.Module, got: str) ->
     name = save(network, tmp_path / "net.pt")
     with pytest.raises(VictimError, match=rf"expected an action, or mean and log_std, .* got {got}$"):
         load_policy(name, seat=seat())
+
+
+class Critic(nn.Module):
+    """One action, and a value as its second output."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(1)
+            self.net = nn.Linear(7, 2)
+
+    def forward(self, observation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        both = self.net(observation)
+        return both[:, :1], both[:, 1:]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_value_is_not_taken_for_the_spread_of_one_action(tmp_path: Path, suffix: str) -> None:
+    one = replace(seat(), action_size=1)
+    policy = load_policy(save(Critic(), tmp_path / f"net{suffix}"), seat=one)
+    with pytest.raises(VictimError, match="second output depends on the observation: give the action alone"):
+        check_policy(policy, one)
+    named = load_policy(save(Critic(), tmp_path / f"named{suffix}", {"gives": ["mean", "log_std"]}), seat=one)
+    assert check_policy(named, one).stochastic
+    mean, log_std = Critic()(view().own)
+    distribution = named.act(view(), sample=False).distribution
+    torch.testing.assert_close(distribution.std, log_std.exp(), rtol=1e-5, atol=1e-6)
+    torch.testing.assert_close(distribution.mean, mean, rtol=1e-5, atol=1e-6)
+
+
+def test_an_output_called_value_is_refused(tmp_path: Path) -> None:
+    model = onnx.load_from_string(Path(save(Gaussian(), tmp_path / "a.onnx").partition(":")[2]).read_bytes())
+    first = model.graph.output[1].name
+    for node in model.graph.node:
+        node.output[:] = ["value" if name == first else name for name in node.output]
+    for part in model.graph.initializer:
+        part.name = "value" if part.name == first else part.name
+    model.graph.output[1].name = "value"
+    onnx.save(model, tmp_path / "b.onnx")
+    with pytest.raises(VictimError, match="expected an action, or mean and log_std, found an output 'value'"):
+        load_policy(f"onnx:{tmp_path}/b.onnx", seat=seat())
+
+    class Both(NamedTuple):
+        action: torch.Tensor
+        state_value: torch.Tensor
+
+    origin = Origin("python:x", "", tmp_path)
+    with pytest.raises(VictimError, match="python:x: .* found an output 'state_value'"):
+        NetworkPolicy(origin, lambda inputs: Both(*Critic()(*inputs)), Signature(), seat())
 
 
 def test_doubles_are_told(tmp_path: Path) -> None:

@@ -6,13 +6,14 @@ A network takes what it reads, then its states, and gives its action, then its n
     forward(observation, *states) -> (mean, log_std, *states)
 
 All float32: observation (n, o), action and mean (n, a), log_std (a,) or (n, a), each state (n, k).
-States are zero where a game starts. What deviates from ``forward(observation)`` is said by a
-:class:`Signature`, JSON that travels in the file.
+With one action, a second output (n, 1) that depends on the observation may be a value as well: it is refused
+unless the :class:`Signature` gives ``log_std``. States are zero where a game starts. What deviates from
+``forward(observation)`` is said by a :class:`Signature`, JSON that travels in the file.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any, Literal
@@ -41,6 +42,7 @@ class Signature(BaseModel):
     Attributes:
         reads: inputs before the states, in order: ``observation``, ``opponent`` (the other side's),
             ``opponent_action`` (only for who acts second), ``first`` (n, 1): 1 where a game starts.
+        gives: outputs before the states, where the file would leave open what they are.
         state: widths of the states.
         observation_size, action_size: of the side it plays.
         action_bounds: lowest and highest action; a seat must have the same.
@@ -50,6 +52,7 @@ class Signature(BaseModel):
     model_config = ConfigDict(extra="forbid", ser_json_inf_nan="constants")
 
     reads: Annotated[tuple[Reads, ...], Field(min_length=1)] = ("observation",)
+    gives: tuple[Literal["mean"], Literal["log_std"]] | None = None
     state: tuple[Annotated[int, Field(gt=0)], ...] = ()
     observation_size: int | None = Field(default=None, gt=0)
     action_size: int | None = Field(default=None, gt=0)
@@ -69,6 +72,17 @@ class Signature(BaseModel):
             first = error.errors()[0]
             key = ".".join(map(str, first["loc"]))
             raise VictimError(f"{name}: its {SIGNATURE_FILE} is wrong: {key}: {first['msg']}") from None
+
+
+def refuse_values(name: str, outputs: Sequence[str]) -> None:
+    """Refuse a network with an output that is called a value.
+
+    Raises:
+        VictimError: there is one.
+    """
+    for output in outputs:
+        if "value" in output.lower():
+            raise VictimError(f"{name}: expected an action, or mean and log_std, found an output {output!r}")
 
 
 class NetworkPolicy(Policy):
@@ -145,6 +159,15 @@ class NetworkPolicy(Policy):
         layers: dict[str, Tensor] | None = {} if activations else None
         if count == 1:
             return Decision(outputs[0], None, layers)
+        if (
+            outputs[1].shape[1:] == (1,)
+            and not self.signature.gives
+            and bool((outputs[1] != outputs[1][:1]).any())
+        ):
+            raise VictimError(
+                f"{self.info.name}: its second output depends on the observation: give the action alone if it"
+                f' is a value; if it is log_std, say so in {SIGNATURE_FILE}: {{"gives": ["mean", "log_std"]}}'
+            )
         distribution = DiagonalGaussian(outputs[0], outputs[1].exp())
         return Decision(distribution.sample(generator) if sample else outputs[0], distribution, layers)
 
@@ -169,6 +192,7 @@ class NetworkPolicy(Policy):
             raise
         except Exception as error:  # whatever the network's runtime raises
             raise VictimError(f"{self.info.name} fails on inputs {shapes}: {one_line(error)}") from error
+        refuse_values(self.info.name, getattr(answer, "_fields", ()))
         outputs = [answer] if isinstance(answer, Tensor) else answer
         states = len(self.signature.state)
         right = isinstance(outputs, (list, tuple)) and all(isinstance(part, Tensor) for part in outputs)

@@ -16,7 +16,7 @@ from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy
 from apil_core.common.errors import VictimError
 from apil_core.common.extras import need
-from apil_core.policies.foreign.network import SIGNATURE_FILE, NetworkPolicy, Signature
+from apil_core.policies.foreign.network import SIGNATURE_FILE, NetworkPolicy, Signature, refuse_values
 from apil_core.policies.foreign.origin import Origin, one_line
 
 KIND = "an ONNX model"
@@ -37,6 +37,7 @@ def load(name: str, *, seat: SideLayout | None) -> Policy:
     session = _session(origin, runtime)
     told = session.get_modelmeta().custom_metadata_map
     signature = _checked(origin, session, Signature.read(told.get(SIGNATURE_FILE), origin.name))
+    refuse_values(origin.name, [output.name for output in session.get_outputs()])
     names = [wanted.name for wanted in session.get_inputs()]
 
     def call(inputs: list[Tensor]) -> list[Tensor]:
