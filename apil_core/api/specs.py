@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel
 
-from apil_core.common.errors import PluginError
+from apil_core.common.errors import FAILURES, PluginError
 
 
 @dataclass(frozen=True)
@@ -235,7 +235,7 @@ def load(reference: str, whose: str = "") -> Any:
     try:
         module = importlib.import_module(module_name)
         return getattr(module, attribute) if attribute else module
-    except Exception as error:  # whatever a foreign module raises while it is imported
+    except FAILURES as error:  # whatever a foreign module raises while it is imported
         reason = " ".join(f"{error}".split()) or type(error).__name__
         asked = f"{whose}: " if whose else ""
         raise PluginError(f"{asked}cannot load {reference!r}: {reason}{_graphics_hint(error)}") from error

@@ -48,6 +48,10 @@ def guarded(arguments: list[str]) -> int:
     except ModuleNotFoundError as error:
         absent = missing(error.name)
         return complain(str(absent), absent.exit_code) if absent else _report(error)
+    except SystemExit as error:  # of a plugin's or a game's, which nobody nearer to it has caught
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        text = f"{last.filename}, line {last.lineno}: code that a run uses ended the program (exit {error})"
+        return complain(text, INTERNAL_ERROR)
     except Exception as error:
         return _report(error)
     return result if isinstance(result, int) else 0

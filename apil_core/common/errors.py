@@ -35,6 +35,10 @@ class RunDirError(ApilError):
     """A run directory or checkpoint cannot be read, written or continued."""
 
 
+FAILURES = (Exception, SystemExit)
+"""What other people's code raises when it fails: ``sys.exit(0)`` in it is no success of ours."""
+
+
 def suggest(name: str, known: Iterable[str]) -> str:
     """``" (did you mean 'x'?; known: ...)"`` for an unknown ``name`` among ``known``."""
     names = sorted(known)

@@ -21,7 +21,7 @@ from apil_core.api.hook_api import check_version, stated_version, version_in_sou
 from apil_core.api.hooks import PROJECT
 from apil_core.api.hookspecs import ProcessHooks, RunHooks
 from apil_core.api.specs import GameSpec, MethodSpec, ObserverSpec, PolicySpec, RecorderSpec, RunPluginSpec
-from apil_core.common.errors import PluginError, UnknownNameError
+from apil_core.common.errors import FAILURES, PluginError, UnknownNameError
 from apil_core.common.trust import check
 from apil_core.plugins.validation import register, unmarked
 
@@ -82,7 +82,7 @@ class PluginRegistry:
             check_version(record.name, record.hook_api)
             offers = _ask(record, plugin)
             self._check_duplicates(record, offers)
-        except Exception as error:
+        except FAILURES as error:
             self._reject(record, error)
             return
         self.records.append(record)
@@ -258,7 +258,7 @@ def discover(files: Sequence[str | Path] = (), *, forgiving: bool = False) -> Pl
             continue
         try:
             plugin = entry_point.load()
-        except (Exception, SystemExit) as error:  # a script that was never meant to be imported
+        except FAILURES as error:  # a script that was never meant to be imported
             registry.add_failure(record, error, entry_point.module)
         else:
             registry.add(record, plugin)
@@ -275,7 +275,7 @@ def _add_file(registry: PluginRegistry, path: Path) -> PluginRecord:
     record = PluginRecord(path.stem, "", f"file {path.resolve()}")
     try:
         plugin = import_file(path)
-    except (Exception, SystemExit) as error:
+    except FAILURES as error:
         registry.add_failure(record, error, path)
     else:
         registry.add(record, plugin)

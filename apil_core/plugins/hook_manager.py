@@ -13,7 +13,7 @@ import pluggy
 from apil_core.api.hooks import PROJECT
 from apil_core.api.hookspecs import ProcessHooks, RunHooks
 from apil_core.api.specs import MethodSpec, load
-from apil_core.common.errors import ApilError, PluginError
+from apil_core.common.errors import FAILURES, ApilError, PluginError
 from apil_core.plugins.validation import register, remarks
 
 if TYPE_CHECKING:
@@ -202,7 +202,7 @@ class RunHookManager:
             answer = work()
         except ApilError:
             raise
-        except Exception as error:
+        except FAILURES as error:
             raise self._failure(error, (name, "update_auxiliary")) from error
         paths = [] if before is None else changed(before, {"rollout": rollout})
         if paths:
@@ -226,7 +226,7 @@ class RunHookManager:
             yield
         except ApilError:
             raise
-        except Exception as error:
+        except FAILURES as error:
             if self._culprit(error.__traceback__) is None:
                 raise
             raise self._failure(error) from error
@@ -250,7 +250,7 @@ class RunHookManager:
         except PluginError as error:
             raise PluginError(f"plugin {name!r} cannot be used: {error}") from error
 
-    def _failure(self, error: Exception, otherwise: tuple[str, str] = ("", "")) -> PluginError:
+    def _failure(self, error: BaseException, otherwise: tuple[str, str] = ("", "")) -> PluginError:
         """What was raised, and by whom; by ``otherwise`` if no hook implementation is on the stack."""
         name, hook = self._culprit(error.__traceback__) or otherwise
         reason = " ".join(str(error).split())

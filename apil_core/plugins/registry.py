@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 from apil_core.api.game import Game, SideLayout
 from apil_core.api.specs import GameSpec, MethodSpec, ObserverSpec, RunPluginSpec, load, titled, wanted_of
-from apil_core.common.errors import ApilError, ConfigError, PluginError, UnknownNameError, VictimError
+from apil_core.common.errors import (
+    FAILURES,
+    ApilError,
+    ConfigError,
+    PluginError,
+    UnknownNameError,
+    VictimError,
+)
 from apil_core.common.trust import check
 from apil_core.plugins.discovery import PluginRegistry, discover
 
@@ -180,7 +187,7 @@ def _made(spec: RunPluginSpec, options: Mapping[str, Mapping[str, Any]], setup: 
         return factory(model, setup)
     except ApilError:
         raise
-    except Exception as error:
+    except FAILURES as error:
         reason = " ".join(str(error).split())
         raise PluginError(
             f"plugin {spec.name!r} cannot be built: {type(error).__name__}: {reason}"

@@ -15,7 +15,7 @@ from torch import Tensor
 from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy
 from apil_core.api.types import Decision, View
-from apil_core.common.errors import ApilError, VictimError
+from apil_core.common.errors import FAILURES, ApilError, VictimError
 
 _GAMES = 4
 _SEED = 0
@@ -190,7 +190,7 @@ def _told(games: int) -> Iterator[None]:
         yield
     except ApilError:
         raise
-    except Exception as error:
+    except FAILURES as error:
         reason = " ".join(str(error).split())[:200]
         raise _BrokenError(f"fails on {games} games: {type(error).__name__}: {reason}") from error
 

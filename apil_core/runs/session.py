@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from apil_core.api.method import RunPlugin
 from apil_core.api.policy import Policy
 from apil_core.common.documents import EXACT
-from apil_core.common.errors import ApilError
+from apil_core.common.errors import FAILURES, ApilError
 from apil_core.common.files import sha256
 from apil_core.common.machine import resident_mb
 from apil_core.common.seeds import stream_seed
@@ -107,7 +107,7 @@ class Session:
                     self._iteration()
                 self.save()
                 status, evaluation = self._finish()
-        except Exception as error:
+        except FAILURES as error:
             self._note_failure(error)
             raise
         finally:
@@ -158,7 +158,7 @@ class Session:
         """:meth:`_report`; if that fails, the iteration itself is sound, so it is kept."""
         try:
             self._report(before, metrics)
-        except Exception:
+        except FAILURES:
             if self.world.size == 1:  # with others the checkpoint would wait for them, and they for this
                 with suppress(ApilError):
                     self.save()
@@ -238,7 +238,7 @@ class Session:
             self._hook.run_finished(run=self.trainer)
         return status, evaluation
 
-    def _note_failure(self, error: Exception) -> None:
+    def _note_failure(self, error: BaseException) -> None:
         if not self.world.is_main:
             return
         newest, command = self.run_dir.checkpoints(), f"{self.world.command} resume {self.run_dir.path}"

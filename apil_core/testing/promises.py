@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from apil_core.api.hookspecs import ProcessHooks, RunHooks
-from apil_core.common.errors import ApilError, PluginError
+from apil_core.common.errors import FAILURES, ApilError, PluginError
 
 
 @dataclass(frozen=True)
@@ -130,6 +130,6 @@ def promised(who: str, promise: Promise) -> Iterator[None]:
         raise ContractError(who, promise, str(error), hook_in(str(error))) from error
     except ApilError as error:
         raise ContractError(who, promise, str(error)) from error
-    except Exception as error:
+    except FAILURES as error:
         reason = " ".join(str(error).split()) or "no message"
         raise ContractError(who, promise, f"{type(error).__name__}: {reason}") from error

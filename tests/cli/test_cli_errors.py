@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,30 @@ def test_a_mistake_is_one_line(apil: Apil, tmp_path: Path, arguments: tuple[str,
     assert done.err.count("\n") == 1
     assert WRONG[arguments] in done.err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_game_that_exits_is_no_success(apil: Apil, tmp_path: Path) -> None:
+    source = COIN.read_text().replace("self.clock += active", "raise SystemExit(0)")
+    game = tmp_path / "leaving_game.py"
+    game.write_text(source.replace('"coin"', '"leaving"').replace("coin_game:", "leaving_game:"))
+    done = apil(
+        "run",
+        *TINY[4:],
+        *SMALL,
+        "--plugin",
+        game,
+        "--env",
+        "leaving",
+        "--method",
+        "adrl",
+        "--out",
+        "r",
+        "--quiet",
+    )
+    assert (done.code, done.out) == (1, ""), done.err
+    assert re.fullmatch(
+        r"apil: .*leaving_game\.py, line \d+: code that a run uses ended the program \(exit 0\)\n", done.err
+    )
 
 
 def test_missing_weights_name_the_two_commands_that_get_them(apil: Apil) -> None:

@@ -15,6 +15,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from apil_core.common.errors import FAILURES
+
 if TYPE_CHECKING:
     from apil_core.plugins.discovery import PluginRegistry
 
@@ -171,7 +173,7 @@ def victims(plugins: PluginRegistry) -> Answer:
     def why_not(name: str) -> str:
         try:
             load_policy(name, plugins=plugins)
-        except Exception as error:  # a foreign loader may raise anything
+        except FAILURES as error:  # a foreign loader may raise anything
             return _reason(error)
         return ""
 
@@ -179,7 +181,7 @@ def victims(plugins: PluginRegistry) -> Answer:
     for scheme, policies in plugins.policies.items():
         try:
             rows = load(policies.lister)() if policies.lister else []
-        except Exception as error:
+        except FAILURES as error:
             listed[f"{scheme}:"] = _reason(error)
         else:
             listed |= {row.name: why_not(row.name) if row.available else None for row in rows}
@@ -189,7 +191,7 @@ def victims(plugins: PluginRegistry) -> Answer:
     return {"listed": listed, "auto": auto}
 
 
-def _reason(error: Exception) -> str:
+def _reason(error: BaseException) -> str:
     from apil_core.common.errors import ApilError
 
     text = " ".join(str(error).split()) or "no message"
@@ -208,7 +210,7 @@ def main() -> None:
     name, plugin_files, arguments = json.loads(sys.argv[1])
     try:
         answer = PROBES[name](discover(plugin_files, forgiving=True), *arguments)
-    except Exception as error:  # foreign code may raise anything
+    except FAILURES as error:  # foreign code may raise anything
         answer = {"error": _reason(error)}
     print(f"\n{json.dumps(answer)}", flush=True)
 

@@ -19,6 +19,7 @@ from gymnasium.spaces import Box, Dict, MultiBinary, Space
 from pettingzoo import ParallelEnv
 
 from apil_core.api.game import NO_WINNER, Array
+from apil_core.common.errors import FAILURES
 from apil_core.games.pettingzoo.maker import Maker, one_line, prints_to_stderr
 from apil_core.games.pettingzoo.spaces import Seat
 
@@ -88,7 +89,7 @@ class Bundle(gymnasium.Env[Any, Any]):
         try:
             with prints_to_stderr():
                 return self._envs[game].render() if self._envs else None
-        except Exception as error:
+        except FAILURES as error:
             return one_line(error)
 
     def _tried(self, do: Callable[[], None]) -> dict[str, Any]:
@@ -97,7 +98,7 @@ class Bundle(gymnasium.Env[Any, Any]):
                 self._envs.append(self._maker())
             with prints_to_stderr():
                 do()
-        except (Exception, SystemExit) as error:
+        except FAILURES as error:
             return {"failure": one_line(error)}
         return {}
 

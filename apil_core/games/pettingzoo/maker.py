@@ -15,7 +15,7 @@ from typing import Any
 
 from pettingzoo import AECEnv, ParallelEnv
 
-from apil_core.common.errors import ConfigError
+from apil_core.common.errors import FAILURES, ConfigError
 from apil_core.plugins.discovery import import_file
 
 
@@ -51,7 +51,7 @@ class Maker:
             raise ConfigError(f"game pettingzoo:{target}: expected pettingzoo:MODULE:CALLABLE")
         try:
             found = cls(target).callable
-        except (Exception, SystemExit) as error:
+        except FAILURES as error:
             raise ConfigError(f"game pettingzoo:{target}: cannot be loaded: {one_line(error)}") from error
         if not callable(found):
             raise ConfigError(f"game pettingzoo:{target}: {attribute} is not callable")
@@ -80,7 +80,7 @@ class Maker:
         name = f"game pettingzoo:{self.target}"
         try:
             env = self()
-        except (Exception, SystemExit) as error:
+        except FAILURES as error:
             raise ConfigError(f"{name}: the environment cannot be made: {one_line(error)}") from error
         if isinstance(env, AECEnv):
             raise ConfigError(f"{name}: this is an AECEnv, played in turns; name its parallel_env instead")

@@ -18,7 +18,7 @@ import torch
 from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.api.types import Decision, View
-from apil_core.common.errors import ApilError, VictimError
+from apil_core.common.errors import FAILURES, ApilError, VictimError
 from apil_core.common.files import sha256
 from apil_core.policies.foreign.network import NetworkPolicy, Signature
 from apil_core.policies.foreign.origin import Origin, one_line
@@ -59,7 +59,7 @@ def _found(name: str, module_name: str, attribute: str) -> Any:
             target = attrgetter(attribute)(importlib.import_module(module_name))
     except ApilError:
         raise
-    except (Exception, SystemExit) as error:
+    except FAILURES as error:
         where = getattr(sys.modules.get(module_name), "__file__", None) or f"looked in {here} too"
         raise VictimError(f"python:{name}: {module_name} ({where}): {one_line(error)}") from error
     if not callable(target):
@@ -81,7 +81,7 @@ def _guarded(origin: Origin, what: str, call: Callable[[], Any]) -> Any:
             return call()
     except ApilError:
         raise
-    except Exception as error:
+    except FAILURES as error:
         raise VictimError(
             f"{origin.name} {what}: {one_line(error)} (APIL_DEBUG=1 shows the traceback)"
         ) from error

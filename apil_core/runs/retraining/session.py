@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import Any, Literal
 
 from apil_core.api.config import RunConfig
-from apil_core.common.errors import ApilError
+from apil_core.common.errors import FAILURES, ApilError
 from apil_core.common.machine import resident_mb
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.evaluation.progress import Progress
@@ -76,7 +76,7 @@ class RetrainCourse:
                         after = self._scores(name_of(self.directory.path), self.config.evaluation.episodes)
                         status = "finished"
                         self.log.summarize({"final/steps": self.trainer.steps, **_counts(after, "final")})
-        except Exception as error:
+        except FAILURES as error:
             self._note_failure(error)
             raise
         finally:
@@ -180,7 +180,7 @@ class RetrainCourse:
             after=after,
         )
 
-    def _note_failure(self, error: Exception) -> None:
+    def _note_failure(self, error: BaseException) -> None:
         where = f"; continue from the last checkpoint with: apil resume {self.directory.path}"
         found = where if self.files.checkpoints() else ""
         self.progress.note(f"stopped after {self.trainer.iteration} whole iterations by an error{found}")

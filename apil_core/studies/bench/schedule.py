@@ -149,5 +149,8 @@ class _Scheduler:
             # somebody stopped the worker, not us: the cell goes on when the benchmark is run again
             self._ledger.bench.note_failure(name, "its worker was stopped from outside; run the matrix again")
             outcome = "failed"
+        if outcome == "done" and not self._ledger.is_done(self._jobs[name]):
+            self._ledger.bench.note_failure(name, "its process ended without its result")
+            outcome = "failed"
         self.course.states[name] = outcome
         self._watch.ended(self._jobs[name], outcome, self._ledger.bench.failure(name))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from apil_core.api.config import RunConfig
-from apil_core.common.errors import ConfigError, RunDirError
+from apil_core.common.errors import FAILURES, ConfigError, RunDirError
 from apil_core.common.files import locked
 from apil_core.config.game import without_physics
 from apil_core.config.resolve import differences
@@ -60,7 +60,7 @@ def perform(root: Path, name: str, *, threads: int = 1, progress: Progress | Non
         with _alone(bench, name):
             bench.note_failure(name, "")
             done = _Worker(bench, benchmark, threads, progress or Progress()).do(job)
-    except Exception as error:
+    except FAILURES as error:
         bench.note_failure(name, " ".join(str(error).split()) or type(error).__name__)
         raise
     return "done" if done else "interrupted"

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 from apil_core.api.config import RunConfig
 from apil_core.api.specs import RecorderSpec, load
+from apil_core.common.errors import FAILURES
 
 Row = dict[str, float]
 
@@ -122,12 +123,12 @@ class RowLog:
         """Call one of a recorder's methods; a dispensable one that fails is asked no more."""
         try:
             method(row)
-        except Exception as error:
+        except FAILURES as error:
             if not getattr(recorder, "dispensable", False):
                 raise
             self.recorders.remove(recorder)
             self._tell_of(recorder, error, "; the run goes on without it")
-            with suppress(Exception):  # it may well fail again
+            with suppress(*FAILURES):  # it may well fail again
                 recorder.close()
 
     def _close(self, recorder: Recorder) -> None:
@@ -135,12 +136,12 @@ class RowLog:
             return
         try:
             recorder.close()
-        except Exception as error:
+        except FAILURES as error:
             if not getattr(recorder, "dispensable", False):
                 raise
             self._tell_of(recorder, error, "")
 
-    def _tell_of(self, recorder: Recorder, error: Exception, consequence: str) -> None:
+    def _tell_of(self, recorder: Recorder, error: BaseException, consequence: str) -> None:
         name = getattr(recorder, "name", type(recorder).__name__)
         reason = " ".join(f"{error}".split()) or type(error).__name__
         self._note(f"recorder {name} failed: {reason}{consequence}")
