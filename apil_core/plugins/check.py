@@ -99,7 +99,7 @@ def _run_hooks(spec: RunPluginSpec, kind: type[RunPlugin], chain: Sequence[Metho
     who = titled(spec)
     if spec.config is not None:
         options_model(spec.config, who)
-    made = _looked_at(spec, kind)
+    made = uninitialised(spec, kind)
     try:
         notes = None if made is None else RunHookManager(chain, {spec.name: made}).notes()
     except AttributeError:  # a torch module, say, which cannot be looked at before it is initialised
@@ -109,8 +109,12 @@ def _run_hooks(spec: RunPluginSpec, kind: type[RunPlugin], chain: Sequence[Metho
     return [f"{who}{note.removeprefix(f'plugin {spec.name!r}')}" for note in notes]
 
 
-def _looked_at(spec: RunPluginSpec, kind: type[RunPlugin]) -> RunPlugin | None:
-    """An object of the plugin's class, not initialised: its hooks are to be looked at, not called."""
+def uninitialised(spec: RunPluginSpec, kind: type[RunPlugin]) -> RunPlugin | None:
+    """An object of the plugin's class whose hooks can be looked at, not called; ``None``: no class makes it.
+
+    Raises:
+        PluginError: the factory does not load, or is no subclass of ``kind`` and nothing that makes one.
+    """
     factory = load(spec.factory, titled(spec))
     wanted = wanted_of(spec)
     if not inspect.isclass(factory):

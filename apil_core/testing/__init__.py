@@ -1,7 +1,7 @@
 """Conformance checks for plugin authors: whether a method, a game or a victim keeps what the core relies on.
 
 Names load lazily, so importing this package brings in neither torch nor mujoco. docs/testing.md lists
-every promise that is checked.
+every check.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 _HOME_OF = {
-    "ContractError": "apil_core.testing.promises",
+    "ContractError": "apil_core.testing.checks",
     "GameReport": "apil_core.testing.reports",
     "MethodReport": "apil_core.testing.reports",
     "VictimReport": "apil_core.testing.reports",
@@ -47,9 +47,9 @@ def __dir__() -> list[str]:
 
 
 if TYPE_CHECKING:
+    from apil_core.testing.checks import ContractError as ContractError
     from apil_core.testing.games import check_game as check_game
     from apil_core.testing.methods import check_method as check_method
-    from apil_core.testing.promises import ContractError as ContractError
     from apil_core.testing.reports import GameReport as GameReport
     from apil_core.testing.reports import MethodReport as MethodReport
     from apil_core.testing.reports import VictimReport as VictimReport

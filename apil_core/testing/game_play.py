@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from apil_core.api.game import Array, Game, GameStep
-from apil_core.testing.promises import GAME_PROMISES, ContractError
+from apil_core.testing.checks import GAME_CHECKS, ContractError
 
 GAMES = 6
 """Games of a check, unless it says otherwise."""
@@ -32,9 +32,9 @@ class Trial:
     skipped: list[str] = field(default_factory=list)
     endings: dict[str, int] = field(default_factory=dict)
 
-    def broken(self, promise: str, happened: str) -> ContractError:
-        """The error for one of :data:`GAME_PROMISES`."""
-        return ContractError(f"game {self.name!r}", GAME_PROMISES[promise], happened)
+    def broken(self, check: str, happened: str) -> ContractError:
+        """The error for one of :data:`GAME_CHECKS`."""
+        return ContractError(f"game {self.name!r}", GAME_CHECKS[check], happened)
 
     @contextmanager
     def game(self, num_envs: int = GAMES, *, threads: int = 1, seed: int | None = 0) -> Iterator[Game]:
@@ -94,6 +94,11 @@ def same(first: Play, second: Play) -> bool:
         return False
     pairs = zip(first.trace, second.trace, strict=True)
     return all(np.array_equal(a, b, equal_nan=a.dtype.kind == "f") for a, b in pairs)
+
+
+def same_views(left: Sequence[Array], right: Sequence[Array], rows: Any = ...) -> bool:
+    """Whether both sides' observations are equal bit for bit, in those rows."""
+    return all(np.array_equal(a[rows], b[rows]) for a, b in zip(left, right, strict=True))
 
 
 def snapshot(game: Game) -> list[Array]:

@@ -12,12 +12,12 @@ from apil_core.api.specs import GameSpec, load
 from apil_core.common.errors import UnknownNameError
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
+from apil_core.testing.checks import GAME_CHECKS, ContractError, reported_as
+from apil_core.testing.game_checks import CHECKS
 from apil_core.testing.game_play import Play, Trial
-from apil_core.testing.game_promises import PROMISES
 from apil_core.testing.method_spec import check_import, check_options
-from apil_core.testing.promises import GAME_PROMISES, ContractError, promised
+from apil_core.testing.method_under_test import raise_if_broken, registry_with
 from apil_core.testing.reports import GameReport
-from apil_core.testing.subject import raise_if_broken, registry_with
 
 SHORT = 20
 """Steps of a game where it has an option ``max_steps`` and the caller did not set it: some must end."""
@@ -31,7 +31,7 @@ def check_game(
     plugins: Sequence[str | Path] = (),
     options: Mapping[str, Any] | None = None,
 ) -> GameReport:
-    """Whether a game keeps every promise of :class:`apil_core.Game`, with random players.
+    """Whether a game passes every check of :class:`apil_core.Game`, with random players.
 
     What is checked and what a failure looks like: docs/testing.md.
 
@@ -44,22 +44,22 @@ def check_game(
         what was checked, and how fast the game is; ``print`` it.
 
     Raises:
-        ContractError: the first promise that is broken.
+        ContractError: the first check that fails.
         UnknownNameError: no game has that name.
     """
     begin = time.process_time()
     name = game.name if isinstance(game, GameSpec) else game
-    registry = registry_with(f"game {name!r}", GAME_PROMISES["spec"], plugins)
+    registry = registry_with(f"game {name!r}", GAME_CHECKS["spec"], plugins)
     if isinstance(game, GameSpec):
         registry.games[name] = game
     elif not registry.has_game(name):
-        raise_if_broken(f"game {name!r}", GAME_PROMISES["spec"], registry, name)
+        raise_if_broken(f"game {name!r}", GAME_CHECKS["spec"], registry, name)
         raise UnknownNameError("game", name, registry.game_names())
     skipped = check_spec(registry, name, options)
     trial = trial_of(registry, name, options)
     trial.skipped += skipped
-    for check in PROMISES.values():
-        with promised(f"game {name!r}", GAME_PROMISES[check.__name__]):
+    for check in CHECKS.values():
+        with reported_as(f"game {name!r}", GAME_CHECKS[check.__name__]):
             check(trial)
     return _report(trial, begin)
 
@@ -78,20 +78,16 @@ def trial_of(registry: PluginRegistry, name: str, options: Mapping[str, Any] | N
 
 
 def check_spec(registry: PluginRegistry, name: str, options: Mapping[str, Any] | None) -> list[str]:
-    """What can be said without playing; returns what could not be checked.
-
-    Raises:
-        ContractError: the spec or the options' model is wrong.
-    """
-    who, promise, spec = f"game {name!r}", GAME_PROMISES["spec"], registry.game(name)
+    """What can be said without playing; returns what could not be checked."""
+    who, check, spec = f"game {name!r}", GAME_CHECKS["spec"], registry.game(name)
     if spec.victim_side not in (0, 1):
-        raise ContractError(who, promise, f"victim_side must be 0 or 1, got {spec.victim_side}")
-    check_options(who, promise, spec.config)
-    with promised(who, promise):
+        raise ContractError(who, check, f"victim_side must be 0 or 1, got {spec.victim_side}")
+    check_options(who, check, spec.config)
+    with reported_as(who, check):
         made = trial_of(registry, name, options).make(1, 1)
     try:
         if not isinstance(made, Game):
-            raise ContractError(who, promise, f"{spec.factory} must give an apil_core.Game, got {made!r}")
+            raise ContractError(who, check, f"{spec.factory} must give an apil_core.Game, got {made!r}")
         sides = tuple(side.name for side in made.layout.sides)
     finally:
         close = getattr(made, "close", None)
@@ -99,8 +95,8 @@ def check_spec(registry: PluginRegistry, name: str, options: Mapping[str, Any] |
             close()
     if not spec.target and sides != tuple(spec.sides):
         text = f"sides of the spec are {', '.join(spec.sides)}, those of the game {', '.join(sides)}"
-        raise ContractError(who, promise, text)
-    reason = check_import(who, promise, registry, "games", name.partition(":")[0])
+        raise ContractError(who, check, text)
+    reason = check_import(who, check, registry, "games", name.partition(":")[0])
     return [] if reason is None else [reason]
 
 
@@ -111,7 +107,7 @@ def _report(trial: Trial, begin: float) -> GameReport:
         seconds = time.perf_counter() - start
         sides = [(s.name, s.observation_size, s.action_size) for s in game.layout.sides]
         speed = TIMED_STEPS * game.num_envs / seconds
-    titles = [promise.title for promise in GAME_PROMISES.values()]
+    titles = [check.title for check in GAME_CHECKS.values()]
     left_out = {text.split(":")[0].capitalize() for text in trial.skipped}
     return GameReport(
         name=trial.name,

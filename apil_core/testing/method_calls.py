@@ -7,29 +7,25 @@ from collections.abc import Sequence
 
 from apil_core.api.hookspecs import RunHooks
 from apil_core.plugins.hook_manager import RunHookManager
-from apil_core.testing.method_runs import Watched
+from apil_core.testing.hook_spy import Call
+from apil_core.testing.method_runs import WatchedRun
+from apil_core.testing.method_under_test import MethodUnderTest
 from apil_core.testing.reports import HookCost
-from apil_core.testing.subject import Subject
-from apil_core.testing.watch import Call
 
 _PER_STEP = ("filter_observation", "extend_observation", "shape_reward")
 _PER_ROLLOUT = ("finish_rollout", "combine_advantages", "update_auxiliary", "iteration_finished")
 
 
-def check_calls(subject: Subject, run: Watched) -> None:
-    """Every call in its place, and every hook that the method fills called.
-
-    Raises:
-        ContractError: a call came too early, too late or not at all.
-    """
-    calls = run.watch.calls
+def check_calls(tested: MethodUnderTest, run: WatchedRun) -> None:
+    """Every call in its place, and every hook that the method fills called."""
+    calls = run.spy.calls
     hooks = run.trainer.attack.hooks
-    method = run.trainer.attack.methods[subject.spec.name]
-    called = {call.hook for call in calls if subject.spec.name in call.plugins}
+    method = run.trainer.attack.methods[tested.spec.name]
+    called = {call.hook for call in calls if tested.spec.name in call.plugins}
     for caller in hooks.manager.get_hookcallers(method) or []:
         opened_by_a_method = not hasattr(RunHooks, caller.name)
-        if caller.name not in called and not (opened_by_a_method and subject.options):
-            raise subject.broken("calls", f"{caller.name} is filled but was never called", caller.name)
+        if caller.name not in called and not (opened_by_a_method and tested.options):
+            raise tested.broken("calls", f"{caller.name} is filled but was never called", caller.name)
     expected = expected_calls(
         {name: _fillers(hooks, name) for name in vars(RunHooks) if not name.startswith("_")},
         rollouts=run.trainer.iteration,
@@ -39,8 +35,8 @@ def check_calls(subject: Subject, run: Watched) -> None:
     if (where := first_difference(made, expected)) is not None:
         came = made[where] if where < len(made) else "none"
         wanted = expected[where] if where < len(expected) else "none"
-        text = f"call {where + 1} of the run was {came}, promised was {wanted}"
-        raise subject.broken("calls", text)
+        text = f"call {where + 1} of the run was {came}, expected was {wanted}"
+        raise tested.broken("calls", text)
 
 
 def _fillers(hooks: RunHookManager, name: str) -> list[str]:
@@ -56,7 +52,7 @@ def _event(call: Call) -> str:
 
 
 def expected_calls(fillers: dict[str, list[str]], *, rollouts: int, steps: int) -> list[str]:
-    """The calls that docs/hooks.md promises for a run that is evaluated at its end, in order.
+    """The calls that docs/hooks.md documents for a run that is evaluated at its end, in order.
 
     Args:
         fillers: who fills each core hook, required methods first.
@@ -86,9 +82,9 @@ def first_difference(made: Sequence[str], expected: Sequence[str]) -> int | None
     return None
 
 
-def costs(subject: Subject, run: Watched) -> tuple[list[HookCost], float]:
+def costs(tested: MethodUnderTest, run: WatchedRun) -> tuple[list[HookCost], float]:
     """What the watched run's hooks took: a row per hook, and seconds per vectorised step for all of them."""
-    mine = [call for call in run.watch.calls if subject.spec.name in call.plugins]
+    mine = [call for call in run.spy.calls if tested.spec.name in call.plugins]
     rows = []
     for hook in dict.fromkeys(call.hook for call in mine):
         times = [call.seconds for call in mine if call.hook == hook]
@@ -98,5 +94,5 @@ def costs(subject: Subject, run: Watched) -> tuple[list[HookCost], float]:
         rows.append(HookCost(hook, len(times), every, statistics.median(times)))
     steps = run.trainer.iteration * run.config.ppo.num_steps
     typical = {row.hook: row.seconds for row in rows if row.every != "run"}
-    outer = (call for call in mine if subject.spec.name not in call.within)
+    outer = (call for call in mine if tested.spec.name not in call.within)
     return rows, sum(typical.get(call.hook, 0.0) for call in outer) / steps

@@ -1,4 +1,4 @@
-"""Checks of what a method's run has trained: it acts and scores without the run, and while it is blinded."""
+"""Checks of a trained adversary without its run, and blinded. Each raises ContractError."""
 
 from __future__ import annotations
 
@@ -11,58 +11,47 @@ from apil_core.evaluation.pairing import Pairing, load_pairing
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.evaluation.score import score
 from apil_core.policies.conformance import check_policy
-from apil_core.testing.method_runs import Watched
-from apil_core.testing.promises import METHOD_PROMISES, promised
-from apil_core.testing.subject import Subject
+from apil_core.testing.checks import METHOD_CHECKS, reported_as
+from apil_core.testing.method_runs import WatchedRun
+from apil_core.testing.method_under_test import MethodUnderTest
 
 EPISODES, STEPS = 4, 6
 
 
-def check_playing(subject: Subject, run: Watched) -> None:
+def check_playing(tested: MethodUnderTest, run: WatchedRun) -> None:
     """The trained adversary, loaded twice from its run's directory, and blinded.
 
     As a policy it keeps that contract, too: it can sit in a victim's seat.
-
-    Raises:
-        ContractError: it fails, or does something else the second time.
     """
     seen = []
     for _ in range(2):
-        with promised(subject.who, METHOD_PROMISES["evaluation"]):
-            pairing = load_pairing(run.out, num_envs=EPISODES, threads=1, plugins=subject.registry)
+        with reported_as(tested.who, METHOD_CHECKS["evaluation"]):
+            pairing = load_pairing(run.out, num_envs=EPISODES, threads=1, plugins=tested.registry)
         with pairing, one_torch_thread():
-            with promised(subject.who, METHOD_PROMISES["evaluation"]), pairing.attribution():
+            with reported_as(tested.who, METHOD_CHECKS["evaluation"]), pairing.attribution():
                 seen.append((first_actions(pairing), _outcome(score(pairing, episodes=EPISODES, seed=0))))
             if len(seen) == 1:
-                check_blinding(subject, pairing)
+                check_blinding(tested, pairing)
     (actions, outcome), (other_actions, other_outcome) = seen
     if not torch.equal(actions, other_actions):
         text = "loaded twice, the trained adversary acts differently with the same seed"
-        raise subject.broken("evaluation", text)
+        raise tested.broken("evaluation", text)
     if outcome != other_outcome:
-        raise subject.broken("evaluation", "two evaluations of one seed differ")
+        raise tested.broken("evaluation", "two evaluations of one seed differ")
 
 
-def check_blinding(subject: Subject, pairing: Pairing) -> None:
-    """As ``apil eval --blind initial --blind-imitator``.
-
-    Raises:
-        ContractError: it fails there.
-    """
+def check_blinding(tested: MethodUnderTest, pairing: Pairing) -> None:
+    """As ``apil eval --blind initial --blind-imitator``."""
     if not pairing.game.layout.sides[pairing.side].opponent_channels:
-        subject.skipped.append(f"blinding: game {subject.env} names no opponent channels")
+        tested.skipped.append(f"blinding: game {tested.env} names no opponent channels")
         return
-    with promised(subject.who, METHOD_PROMISES["blinding"]), pairing.attribution():
+    with reported_as(tested.who, METHOD_CHECKS["blinding"]), pairing.attribution():
         score(pairing, episodes=EPISODES, seed=0, blind="initial", blind_imitator=True)
 
 
 @torch.inference_mode()
 def first_actions(pairing: Pairing) -> Tensor:
-    """What the adversary does in the first steps of some games, (STEPS, EPISODES, a).
-
-    Raises:
-        VictimError: it does not do what policies promise.
-    """
+    """What the adversary does in the first steps of some games, (STEPS, EPISODES, a)."""
     sides = pairing.game.layout.sides
     check_policy(pairing.adversary, sides[pairing.side], sides[1 - pairing.side], second=True)
     pairing.adversary.seed(0)

@@ -1,4 +1,4 @@
-"""Checks of a method in runs of a fraction of a second; the watched one serves several of them."""
+"""Checks of a method in short runs, one of them with all hook calls recorded. Each raises ContractError."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from apil_core.config.resolve import complete
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.registry import make_game
 from apil_core.policies.seats import victim_side
-from apil_core.testing import company
-from apil_core.testing.promises import METHOD_PROMISES, ContractError, promised
+from apil_core.testing import companions
+from apil_core.testing.checks import METHOD_CHECKS, ContractError, reported_as
+from apil_core.testing.hook_spy import HookSpy, spied_hooks
+from apil_core.testing.method_under_test import MethodUnderTest, final_state, train
 from apil_core.testing.states import differences
-from apil_core.testing.subject import Subject, final_state, train
-from apil_core.testing.watch import Watch, watching
 from apil_core.training.build import build, build_hooks, method_setup
 from apil_core.training.plugin_state import stored_and_read, unstorable
 from apil_core.training.storage.run_dir import RunDir
@@ -28,193 +28,154 @@ from apil_core.training.trainer import Trainer
 
 
 @dataclass
-class Watched:
+class WatchedRun:
     """The run that is looked at from all sides.
 
     Attributes:
         out: its directory.
         config: of the run.
         trainer: as it ended.
-        watch: all hook calls.
+        spy: all hook calls.
         state: its last checkpoint.
     """
 
     out: Path
     config: RunConfig
     trainer: Trainer
-    watch: Watch
+    spy: HookSpy
     state: dict[str, Any]
 
 
-def built(subject: Subject, seed: int = 0) -> tuple[dict[str, Method], RunHookManager]:
-    """The method and what it requires, by name, and the manager of their hooks; no run.
-
-    Raises:
-        ContractError: they cannot be built.
-    """
-    with promised(subject.who, METHOD_PROMISES["spec"]):
-        config = complete(subject.config(seed=seed, num_envs=2), subject.registry)
-        game = make_game(config.env, num_envs=1, threads=1, options=config.game, plugins=subject.registry)
+def built(tested: MethodUnderTest, seed: int = 0) -> tuple[dict[str, Method], RunHookManager]:
+    """The method and what it requires, by name, and the manager of their hooks; no run."""
+    with reported_as(tested.who, METHOD_CHECKS["spec"]):
+        config = complete(tested.config(seed=seed, num_envs=2), tested.registry)
+        game = make_game(config.env, num_envs=1, threads=1, options=config.game, plugins=tested.registry)
         try:
-            side = 1 - victim_side(config, subject.registry)
+            side = 1 - victim_side(config, tested.registry)
             torch.manual_seed(seed)
             setup = method_setup(config, game.layout, side, torch.device("cpu"))
-            return build_hooks(config, subject.registry, setup)
+            return build_hooks(config, tested.registry, setup)
         finally:
             game.close()
 
 
-def check_state(subject: Subject, method: Method, when: str) -> None:
+def check_state(tested: MethodUnderTest, method: Method, when: str) -> None:
     """Plain, through a file, and into a fresh object.
 
     Args:
-        subject: whose state it is.
+        tested: whose state it is.
         method: its object.
         when: for the message: how far it has got.
-
-    Raises:
-        ContractError: the state is not plain, does not load or does not come back.
     """
-    promise = METHOD_PROMISES["state"]
-    with promised(subject.who, promise):
+    check = METHOD_CHECKS["state"]
+    with reported_as(tested.who, check):
         state = method.state_dict()
     if not isinstance(state, dict):
-        raise subject.broken("state", f"state_dict() must return a dict, got {type(state).__name__}")
+        raise tested.broken("state", f"state_dict() must return a dict, got {type(state).__name__}")
     if (culprit := unstorable(state, "state_dict()")) is not None:
         where, what = culprit
-        raise subject.broken("state", f"{when}: {where} is a {what}, which a checkpoint cannot hold")
-    with promised(subject.who, promise):
+        raise tested.broken("state", f"{when}: {where} is a {what}, which a checkpoint cannot hold")
+    with reported_as(tested.who, check):
         read = stored_and_read(state)
-        fresh = built(subject, seed=1)[0][subject.spec.name]
+        fresh = built(tested, seed=1)[0][tested.spec.name]
         fresh.load_state_dict(read)
         after = fresh.state_dict()
     if paths := differences(state, after):
         text = f"a fresh object that loaded the state of {when} has another: {_some(paths)}"
-        raise subject.broken("state", text)
+        raise tested.broken("state", text)
 
 
-def watched_run(subject: Subject, out: Path) -> Watched:
-    """Train under watch.
-
-    Raises:
-        ContractError: it fails, changes what it is handed, or draws from elsewhere.
-    """
-    watch = Watch()
-    config = subject.config(evaluation={"episodes": 4})
+def watched_run(tested: MethodUnderTest, out: Path) -> WatchedRun:
+    """Train with all hook calls recorded."""
+    spy = HookSpy()
+    config = tested.config(evaluation={"episodes": 4})
     failure: ContractError | None = None
     try:
-        trainer = train(subject, config, out, manager=watching(watch))
+        trainer = train(tested, config, out, manager=spied_hooks(spy))
     except ContractError as error:
         failure = error
-    for mistake in watch.mistakes:  # the first wrong thing, which may be why it failed
-        raise subject.broken(mistake.promise, mistake.text, mistake.hook) from failure
+    for mistake in spy.mistakes:  # the first wrong thing, which may be why it failed
+        raise tested.broken(mistake.check, mistake.text, mistake.hook) from failure
     if failure is not None:
         raise failure
-    return Watched(out, config, trainer, watch, final_state(out))
+    return WatchedRun(out, config, trainer, spy, final_state(out))
 
 
-def check_same_seed(subject: Subject, run: Watched, out: Path) -> None:
-    """The watched run once more, unwatched.
-
-    Raises:
-        ContractError: it trained something else.
-    """
-    train(subject, subject.config(), out, promise="seed")
+def check_same_seed(tested: MethodUnderTest, run: WatchedRun, out: Path) -> None:
+    """The watched run once more, unwatched."""
+    train(tested, tested.config(), out, check="seed")
     if paths := differences(run.state, final_state(out)):
-        raise subject.broken("seed", f"two runs of one seed differ in {_some(paths)}")
+        raise tested.broken("seed", f"two runs of one seed differ in {_some(paths)}")
 
 
-def check_other_seed(subject: Subject) -> None:
-    """The first weights of two seeds.
-
-    Raises:
-        ContractError: they are the same.
-    """
-    with promised(subject.who, METHOD_PROMISES["seed"]):
-        weights = [_first_weights(subject, seed) for seed in (0, 1)]
+def check_other_seed(tested: MethodUnderTest) -> None:
+    """The first weights of two seeds."""
+    with reported_as(tested.who, METHOD_CHECKS["seed"]):
+        weights = [_first_weights(tested, seed) for seed in (0, 1)]
     if not differences(*weights):
         text = "seeds 0 and 1 begin with the same policy: the method seeds torch's global generator"
-        raise subject.broken("seed", text)
+        raise tested.broken("seed", text)
 
 
-def _first_weights(subject: Subject, seed: int) -> Any:
-    config = complete(subject.config(seed=seed, num_envs=2), subject.registry)
-    attack = build(config, subject.registry)
+def _first_weights(tested: MethodUnderTest, seed: int) -> Any:
+    config = complete(tested.config(seed=seed, num_envs=2), tested.registry)
+    attack = build(config, tested.registry)
     attack.game.close()
     return attack.actor.state_dict()
 
 
-def check_resume(subject: Subject, run: Watched, out: Path) -> None:
-    """From the second checkpoint to the end, in fresh objects.
-
-    Raises:
-        ContractError: the end differs.
-    """
+def check_resume(tested: MethodUnderTest, run: WatchedRun, out: Path) -> None:
+    """From the second checkpoint to the end, in fresh objects."""
     middle = RunDir(run.out).checkpoint_path(2)
-    train(subject, run.config, out, promise="resume", checkpoint_path=middle)
+    train(tested, run.config, out, check="resume", checkpoint_path=middle)
     if paths := differences(run.state, final_state(out)):
-        lost = [path for path in paths if path.startswith(f"/methods/{subject.spec.name}/")]
-        raise subject.broken("resume", f"after a resume these differ: {_some(lost or paths)}")
+        lost = [path for path in paths if path.startswith(f"/methods/{tested.spec.name}/")]
+        raise tested.broken("resume", f"after a resume these differ: {_some(lost or paths)}")
     whole, part = _metrics(run.out), _metrics(out)
-    for row in part:
-        if names := [key for key in row if row[key] != whole[int(row["iteration"])].get(key)]:
-            raise subject.broken("resume", f"after a resume these metrics differ: {_some(names)}")
+    for iteration, row in part.items():
+        if names := [key for key in row if row[key] != whole[iteration].get(key)]:
+            raise tested.broken("resume", f"after a resume these metrics differ: {_some(names)}")
 
 
 _CLOCKS = ("seconds", "_mb", "steps_per_second")
 
 
-def _metrics(out: Path) -> Any:
-    """Rows of the log without what the clock tells; a dict by iteration if asked for one, else a list."""
-    lines = RunDir(out).metrics_path.read_text("utf-8").splitlines()
-    rows = [json.loads(line) for line in lines]
-    return _Rows({k: v for k, v in row.items() if not k.endswith(_CLOCKS)} for row in rows)
+def _metrics(out: Path) -> dict[int, dict[str, Any]]:
+    """Rows of the log by iteration, without what the clock says."""
+    rows = map(json.loads, RunDir(out).metrics_path.read_text("utf-8").splitlines())
+    return {row["iteration"]: {k: v for k, v in row.items() if not k.endswith(_CLOCKS)} for row in rows}
 
 
-class _Rows(list[dict[str, Any]]):
-    """Rows that can be asked for by iteration, from 1."""
-
-    def __getitem__(self, iteration: Any) -> Any:
-        return next(row for row in self if row["iteration"] == iteration)
-
-
-def check_sizes(subject: Subject, folder: Path) -> None:
-    """A single game, and more games than steps.
-
-    Raises:
-        ContractError: it does not train on them.
-    """
+def check_sizes(tested: MethodUnderTest, folder: Path) -> None:
+    """A single game, and more games than steps."""
     one = {"num_envs": 1, "steps": 16, "ppo": {"num_steps": 16, "epochs": 1, "minibatches": 2}}
     many = {"num_envs": 37, "steps": 37 * 3, "ppo": {"num_steps": 3, "epochs": 1, "minibatches": 2}}
-    train(subject, subject.config(**one), folder / "one", promise="one game")
-    train(subject, subject.config(**many), folder / "many", promise="many games")
+    train(tested, tested.config(**one), folder / "one", check="one game")
+    train(tested, tested.config(**many), folder / "many", check="many games")
 
 
-def check_company(subject: Subject, out: Path) -> None:
-    """Required by a method that answers everything, with an observer that blurs what both sides see.
-
-    Raises:
-        ContractError: it fails there, or loses what the others answer.
-    """
-    company.beside(subject.registry, subject.spec)
+def check_companions(tested: MethodUnderTest, out: Path) -> None:
+    """Required by a method that answers everything, with an observer that blurs what both sides see."""
+    companions.beside(tested.registry, tested.spec)
     changes = {
-        "method": company.FOLLOWER,
-        "observers": (company.OBSERVER,),
+        "method": companions.FOLLOWER,
+        "observers": (companions.OBSERVER,),
         "steps": 2 * 48,
         "evaluation": {"episodes": 2},
     }
-    trainer = train(subject, subject.config(**changes), out, promise="company")
-    (*_, last) = _metrics(out)
-    follower = trainer.attack.methods[company.FOLLOWER]
-    assert isinstance(follower, company.Follower)
+    trainer = train(tested, tested.config(**changes), out, check="companions")
+    (*_, last) = _metrics(out).values()
+    follower = trainer.attack.methods[companions.FOLLOWER]
+    assert isinstance(follower, companions.Follower)
     lost = {
-        "extend_observation": company.GROUP not in follower.seen_groups,
-        "shape_reward": f"reward/{company.TERM}" not in last,
-        "finish_rollout": company.STREAM not in trainer.attack.learner.critics,
-        "update_auxiliary": f"{company.FOLLOWER}/{company.METRIC}" not in last,
+        "extend_observation": companions.GROUP not in follower.seen_groups,
+        "shape_reward": f"reward/{companions.TERM}" not in last,
+        "finish_rollout": companions.STREAM not in trainer.attack.learner.critics,
+        "update_auxiliary": f"{companions.FOLLOWER}/{companions.METRIC}" not in last,
     }
     for hook in (hook for hook, gone in lost.items() if gone):
-        raise subject.broken("company", f"{hook}: what another plugin answers is lost", hook)
+        raise tested.broken("companions", f"{hook}: what another plugin answers is lost", hook)
 
 
 def _some(paths: Sequence[str]) -> str:

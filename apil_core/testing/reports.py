@@ -25,12 +25,12 @@ class HookCost:
 
 @dataclass
 class MethodReport:
-    """A method that kept every promise.
+    """A method that passed every check.
 
     Attributes:
         name: of the method.
         env: the game it was tried on.
-        checked: titles of the promises.
+        checked: titles of the checks.
         skipped: what could not be checked, and why.
         hooks: what it fills, and what that costs.
         seconds_per_step: all of its hooks per vectorised step of the watched run, those per rollout included.
@@ -61,11 +61,11 @@ class MethodReport:
 
 @dataclass
 class GameReport:
-    """A game that kept every promise.
+    """A game that passed every check.
 
     Attributes:
         name: of the game.
-        checked: titles of the promises.
+        checked: titles of the checks.
         skipped: what could not be checked, and why.
         sides: name, size of observation and of action.
         steps_per_second: of all games together, random actions, one thread.
@@ -92,14 +92,14 @@ class GameReport:
 
 @dataclass
 class VictimReport:
-    """A victim that kept every promise.
+    """A victim that passed every check.
 
     Attributes:
         name: by which it can be loaded again.
         env: the game.
         side: name of its seat.
         sha256: of its weights.
-        checked: titles of the promises.
+        checked: titles of the checks.
         notes: what is allowed, and worth knowing.
         wins, ties, losses: the victim's, against the random baseline.
         seconds: processor time of the whole check.
@@ -128,7 +128,7 @@ class VictimReport:
 
 
 def _kept(checked: Sequence[str], seconds: float) -> str:
-    return f"{len(checked)} promises kept ({seconds:.1f} s)"
+    return f"{len(checked)} checks passed ({seconds:.1f} s)"
 
 
 def _skipped(skipped: Sequence[str]) -> list[str]:

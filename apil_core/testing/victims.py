@@ -23,9 +23,9 @@ from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
 from apil_core.policies.conformance import examine
 from apil_core.policies.seats import Taking, load_victim
-from apil_core.testing.promises import VICTIM_PROMISES, ContractError, promised
+from apil_core.testing.checks import VICTIM_CHECKS, ContractError, reported_as
+from apil_core.testing.method_under_test import registry_with
 from apil_core.testing.reports import VictimReport
-from apil_core.testing.subject import registry_with
 
 GAMES, STEPS, EPISODES = 4, 5, 8
 _DIGEST = re.compile(r"[0-9a-f]{64}")
@@ -52,20 +52,20 @@ class Candidate:
         """For messages."""
         return f"victim {self.name!r}"
 
-    def broken(self, promise: str, happened: str) -> ContractError:
-        """The error for one of :data:`VICTIM_PROMISES`."""
-        return ContractError(self.who, VICTIM_PROMISES[promise], happened)
+    def broken(self, check: str, happened: str) -> ContractError:
+        """The error for one of :data:`VICTIM_CHECKS`."""
+        return ContractError(self.who, VICTIM_CHECKS[check], happened)
 
     def load(self, name: str) -> Policy:
         """The policy of that name in the seat, trusted: its author is asking."""
-        with promised(self.who, VICTIM_PROMISES["load"]):
+        with reported_as(self.who, VICTIM_CHECKS["load"]):
             return load_victim(name, self.game, self.side, "cpu", self.registry, Taking(trust=True))
 
 
 def check_victim(
     name: str, env: str, *, plugins: Sequence[str | Path] = (), side: Literal[0, 1] | None = None
 ) -> VictimReport:
-    """Whether a policy can be a victim: loaded by name, acting as promised, the same each time.
+    """Whether a policy can be a victim: loaded by name, acting as it must, the same each time.
 
     What is checked and what a failure looks like: docs/testing.md. Code that the name may run is trusted.
 
@@ -79,11 +79,11 @@ def check_victim(
         what was checked, and how it does against noise; ``print`` it.
 
     Raises:
-        ContractError: the first promise that is broken.
+        ContractError: the first check that fails.
         UnknownNameError: no game has that name.
     """
     begin = time.process_time()
-    registry = registry_with(f"victim {name!r}", VICTIM_PROMISES["load"], plugins)
+    registry = registry_with(f"victim {name!r}", VICTIM_CHECKS["load"], plugins)
     spec = registry.game(env)
     game = make_game(env, num_envs=GAMES, threads=1, plugins=registry)
     try:
@@ -100,7 +100,7 @@ def check_victim(
         env=env,
         side=game.layout.sides[candidate.side].name,
         sha256=policy.info.sha256,
-        checked=[promise.title for promise in VICTIM_PROMISES.values()],
+        checked=[check.title for check in VICTIM_CHECKS.values()],
         notes=notes,
         wins=result.losses,
         ties=result.ties,
@@ -110,11 +110,7 @@ def check_victim(
 
 
 def check_identity(candidate: Candidate) -> Policy:
-    """It loads, under the name it says it has, with the same hash.
-
-    Raises:
-        ContractError: it does not.
-    """
+    """It loads, under the name it says it has, with the same hash."""
     policy = candidate.load(candidate.name)
     again = candidate.load(policy.info.name)
     if again.info.name != policy.info.name:
@@ -128,11 +124,7 @@ def check_identity(candidate: Candidate) -> Policy:
 
 
 def check_acting(candidate: Candidate, policy: Policy) -> list[str]:
-    """Everything that ``apil victims check`` looks at; returns its notes.
-
-    Raises:
-        ContractError: a promise of :class:`apil_core.Policy` is broken.
-    """
+    """Everything that ``apil victims check`` looks at; returns its notes."""
     sides = candidate.game.layout.sides
     found = examine(policy, sides[candidate.side], sides[1 - candidate.side])
     for error in found.errors:
@@ -142,17 +134,13 @@ def check_acting(candidate: Candidate, policy: Policy) -> list[str]:
 
 
 def check_same(candidate: Candidate) -> None:
-    """Two copies side by side, and one that takes over from the other's state.
-
-    Raises:
-        ContractError: they act differently.
-    """
+    """Two copies side by side, and one that takes over from the other's state."""
     left, right = candidate.load(candidate.name), candidate.load(candidate.name)
     one, other = _Seated(candidate, left), _Seated(candidate, right)
     if not torch.equal(one.act(STEPS), other.act(STEPS)):
         raise candidate.broken("same", "loaded twice, it acts differently for the same seed")
     third = candidate.load(candidate.name)
-    with promised(candidate.who, VICTIM_PROMISES["same"]):
+    with reported_as(candidate.who, VICTIM_CHECKS["same"]):
         third.load_recurrent_state(copy.deepcopy(left.recurrent_state()))
     follower = _Seated(candidate, third, one.generator.get_state(), one.step)
     if not torch.equal(one.act(STEPS), follower.act(STEPS)):
@@ -190,12 +178,8 @@ class _Seated:
 
 
 def check_playing(candidate: Candidate, env: str) -> EvaluationResult:
-    """A few games against noise, twice.
-
-    Raises:
-        ContractError: they cannot be played, or end differently.
-    """
-    with promised(candidate.who, VICTIM_PROMISES["play"]):
+    """A few games against noise, twice."""
+    with reported_as(candidate.who, VICTIM_CHECKS["play"]):
         results = [
             evaluate(
                 "random",

@@ -1,4 +1,4 @@
-"""What ``apil_core.Game`` promises, for every game of this package.
+"""What ``apil_core.Game`` asks for, of every game of this package.
 
 They are those that ``check_game`` holds third parties' games to; the views' are in games/test_views.py.
 """
@@ -11,8 +11,8 @@ from helpers.every_game import GAME_NAMES, short_game
 
 from apil_core import NO_WINNER, Game
 from apil_core.plugins.registry import default_plugins
+from apil_core.testing.game_checks import CHECKS
 from apil_core.testing.game_play import Play
-from apil_core.testing.game_promises import PROMISES
 from apil_core.testing.games import check_spec, trial_of
 from apil_envs.game_base import MujocoGame
 
@@ -33,11 +33,11 @@ _NAMES = [
 ]
 
 
-@pytest.mark.parametrize("promise", [name for name in PROMISES if name != "views"])
+@pytest.mark.parametrize("check", [name for name in CHECKS if name != "views"])
 @pytest.mark.parametrize("name", _NAMES)
-def test_a_game_keeps_its_promise(name: str, promise: str) -> None:
+def test_a_game_passes_each_check(name: str, check: str) -> None:
     trial = trial_of(default_plugins(), name)
-    PROMISES[promise](trial)
+    CHECKS[check](trial)
     assert not trial.skipped
 
 

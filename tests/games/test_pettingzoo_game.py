@@ -24,8 +24,8 @@ from apil_core import (
     make_game,
 )
 from apil_core.games.pettingzoo.spaces import Scaled, Scores
+from apil_core.testing.game_checks import CHECKS
 from apil_core.testing.game_play import Play, Trial, same
-from apil_core.testing.game_promises import PROMISES
 from games.odd_envs import Race, Scripted
 
 RACE = "pettingzoo:games.odd_envs:Race"
@@ -71,11 +71,11 @@ def ending(game: Game, steps: int) -> tuple[str, int, list[float]]:
 # --- the contract of games
 
 
-@pytest.mark.parametrize("promise", [name for name in PROMISES if name != "views"])
+@pytest.mark.parametrize("check", [name for name in CHECKS if name != "views"])
 @pytest.mark.parametrize("make", [race, simple_push])
-def test_the_contract_of_games(promise: str, make: Callable[..., Game]) -> None:
+def test_the_contract_of_games(check: str, make: Callable[..., Game]) -> None:
     trial = Trial(make.__name__, make)
-    PROMISES[promise](trial)
+    CHECKS[check](trial)
     assert not trial.skipped
 
 

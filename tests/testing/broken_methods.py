@@ -1,4 +1,4 @@
-"""Methods that each break one promise; ``PROMISES`` says which, where it is documented, and what is said."""
+"""Methods that each fail one check; ``CHECKS`` says which, where it is documented, and what is said."""
 
 from __future__ import annotations
 
@@ -280,7 +280,7 @@ WITHOUT_A_RUN = [
     ),
 ]
 
-# name, promise, hook it is called by, what is said
+# name, check, hook it is called by, what is said
 IN_ONE_CALL = [
     ("ChangesView", "unchanged", "extend_observation", "changed view.own"),
     ("ChangesMetrics", "unchanged", "iteration_finished", "changed metrics"),

@@ -1,4 +1,4 @@
-"""check_game: toy-pursuit passes, and each promise has a game that breaks it and is told so."""
+"""check_game: toy-pursuit passes, and each check has a game that fails it and is told so."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import pytest
 
 from apil_core import Game, GameSpec, UnknownNameError
 from apil_core.testing import ContractError, GameReport, check_game
+from apil_core.testing.checks import GAME_CHECKS
+from apil_core.testing.game_checks import CHECKS
 from apil_core.testing.game_play import Trial
-from apil_core.testing.game_promises import PROMISES
-from apil_core.testing.promises import GAME_PROMISES
 from apil_envs.toy import ToyPursuit, ToyPursuitOptions
 
 GAMES = ["kick-and-defend", "you-shall-not-pass", "sumo-humans", "sumo-ants"]
 GAMES += ["run-to-goal-humans", "run-to-goal-ants"]
 
 
-def test_toy_pursuit_keeps_every_promise(capsys: pytest.CaptureFixture[str]) -> None:
+def test_toy_pursuit_passes_every_check(capsys: pytest.CaptureFixture[str]) -> None:
     report = check_game("toy-pursuit")
-    assert report.checked == [promise.title for promise in GAME_PROMISES.values()]
+    assert report.checked == [check.title for check in GAME_CHECKS.values()]
     assert report.skipped == []
     assert report.sides == [("evader", 7, 2), ("pursuer", 7, 2)]
     assert report.endings["time-up"] > 0
@@ -31,14 +31,14 @@ def test_toy_pursuit_keeps_every_promise(capsys: pytest.CaptureFixture[str]) -> 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", GAMES)
-def test_the_mujoco_games_keep_every_promise(name: str) -> None:
+def test_the_mujoco_games_pass_every_check(name: str) -> None:
     assert check_game(name).skipped == []
 
 
 def test_a_report_is_a_short_table() -> None:
     report = GameReport("mine", ["Layout"], [], [("left", 7, 2)], 8123.4, {"caught": 3, "time-up": 6}, 0.4)
     assert str(report).splitlines() == [
-        "game mine: 1 promises kept (0.4 s)",
+        "game mine: 1 checks passed (0.4 s)",
         "  side  observation  action",
         "  left  7            2",
         "  steps per second: 8123",
@@ -203,29 +203,29 @@ BROKEN = [
 ]
 
 
-@pytest.mark.parametrize(("promise", "game", "text"), BROKEN)
-def test_a_broken_game_is_told_which_promise_it_broke(promise: str, game: type[Game], text: str) -> None:
+@pytest.mark.parametrize(("check", "game", "text"), BROKEN)
+def test_a_broken_game_is_told_which_check_it_failed(check: str, game: type[Game], text: str) -> None:
     def make(num_envs: int, threads: int) -> Game:
         return game(num_envs, threads, ToyPursuitOptions(max_steps=12))
 
     with pytest.raises(ContractError) as caught:
-        PROMISES[promise](Trial("mine", make))
+        CHECKS[check](Trial("mine", make))
     message = str(caught.value)
     assert text in message
     assert message.startswith("game 'mine': ")
-    assert message.endswith(f"\n  docs: {GAME_PROMISES[promise].address}")
+    assert message.endswith(f"\n  docs: {GAME_CHECKS[check].address}")
 
 
 def test_starts_that_no_seed_changes_are_told_and_no_error() -> None:
     trial = Trial(
         "mine", lambda num_envs, threads: OneSeed(num_envs, threads, ToyPursuitOptions(max_steps=12))
     )
-    PROMISES["seeds"](trial)
+    CHECKS["seeds"](trial)
     assert trial.skipped == ["another seed: seeds 1 and 2 begin alike; a game may, if its starts are fixed"]
 
 
-def test_every_promise_but_the_checkers_of_others_can_be_broken() -> None:
-    assert {promise for promise, _, _ in BROKEN} == PROMISES.keys() - {"views"}
+def test_every_check_but_the_checkers_of_others_can_be_broken() -> None:
+    assert {check for check, _, _ in BROKEN} == CHECKS.keys() - {"views"}
 
 
 def test_the_checkers_of_others_are_heard() -> None:
@@ -235,7 +235,7 @@ def test_the_checkers_of_others_are_heard() -> None:
             return with_nan(self, super().observations)
 
     with pytest.raises(ContractError, match="testing.md#views"):
-        PROMISES["views"](Trial("mine", LooksAway))
+        CHECKS["views"](Trial("mine", LooksAway))
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""check_method: the built-in methods pass, and every promise has a plugin that breaks it and is told so."""
+"""check_method: the built-in methods pass, and every check has a plugin that fails it."""
 
 from __future__ import annotations
 
@@ -12,10 +12,12 @@ import testing.broken_methods as broken_methods
 from apil_core import MethodSpec, UnknownNameError, View
 from apil_core.plugins.discovery import PluginRecord, discover
 from apil_core.testing import ContractError, MethodReport, check_method
+from apil_core.testing.checks import METHOD_CHECKS
+from apil_core.testing.hook_spy import Call, HookSpy, spied_hooks
 from apil_core.testing.method_calls import check_calls, expected_calls, first_difference
 from apil_core.testing.method_play import check_playing
 from apil_core.testing.method_runs import (
-    check_company,
+    check_companions,
     check_other_seed,
     check_resume,
     check_same_seed,
@@ -23,10 +25,8 @@ from apil_core.testing.method_runs import (
     watched_run,
 )
 from apil_core.testing.method_spec import check_import
+from apil_core.testing.method_under_test import MethodUnderTest, find
 from apil_core.testing.methods import without_a_run
-from apil_core.testing.promises import METHOD_PROMISES
-from apil_core.testing.subject import Subject, find
-from apil_core.testing.watch import Call, Watch, watching
 from testing.broken_methods import IN_ONE_CALL, OPTIONS, WATCHED, WITHOUT_A_RUN, method
 
 
@@ -36,7 +36,7 @@ def _own_random_numbers():
         yield
 
 
-def subject(name: str, **more) -> Subject:
+def under_test(name: str, **more) -> MethodUnderTest:
     return find(method(name, **more), (), None, "toy-pursuit")
 
 
@@ -45,15 +45,15 @@ def says(caught, address: str, text: str) -> None:
     assert "method 'bad'" in message
     assert text in message
     assert message.endswith(f"\n  docs: {address}")
-    assert f"\n  contract: {caught.value.promise.text}\n" in message
+    assert f"\n  contract: {caught.value.check.text}\n" in message
 
 
 # --- methods that are sound
 
 
-def test_adrl_keeps_every_promise() -> None:
+def test_adrl_passes_every_check() -> None:
     report = check_method("adrl")
-    assert report.checked == [promise.title for promise in METHOD_PROMISES.values()]
+    assert report.checked == [check.title for check in METHOD_CHECKS.values()]
     assert report.skipped == []
     assert str(report).splitlines()[1] == "  fills no hook"
 
@@ -71,7 +71,7 @@ def test_adrl_keeps_every_promise() -> None:
         ("e_apil", None, {"imitation_reward": 4}),
     ],
 )
-def test_the_other_methods_keep_every_promise(name: str, options, hooks: dict[str, int]) -> None:
+def test_the_other_methods_pass_every_check(name: str, options, hooks: dict[str, int]) -> None:
     report = check_method(name, options=options)
     calls = {cost.hook: cost.calls for cost in report.hooks}
     assert {hook: calls[hook] for hook in hooks} == hooks
@@ -84,7 +84,7 @@ def test_a_report_is_a_short_table() -> None:
     costs = [HookCost("shape_reward", 32, "step", 5e-5), HookCost("update_auxiliary", 4, "rollout", 0.02)]
     report = MethodReport("mine", "toy-pursuit", ["Spec"], ["light import: why"], costs, 0.00255, 6, 1.0)
     assert str(report).splitlines() == [
-        "method mine on toy-pursuit: 1 promises kept (1.0 s)",
+        "method mine on toy-pursuit: 1 checks passed (1.0 s)",
         "  hook              calls               ms a call",
         "  shape_reward      32     per step     0.050",
         "  update_auxiliary  4      per rollout  20.000",
@@ -100,8 +100,8 @@ def test_a_report_is_a_short_table() -> None:
     ("spec", "text"),
     [
         (MethodSpec("bad", "no_such_module:Bad"), "cannot load 'no_such_module:Bad'"),
-        (method("Open"), "must be a subclass of apil_core.Method"),
-        (method("WATCHED"), "must be a class, got [("),
+        (method("Open"), "must be a Method, got Open"),
+        (method("WATCHED"), "must give a Method, got list"),
         (method("Crashes", summary="two\nlines"), "summary must be one line"),
         (method("Crashes", requires=("nobody",)), "requires 'nobody', which no working plugin offers"),
         (method("Crashes", requires=("apl", "apl")), "requires names a method twice"),
@@ -131,7 +131,7 @@ def test_options_that_are_not_sound(model: str, text: str) -> None:
 @pytest.mark.parametrize(("name", "address", "text"), WITHOUT_A_RUN)
 def test_what_is_found_before_a_run(name: str, address: str, text: str) -> None:
     with pytest.raises(ContractError) as caught:
-        without_a_run(subject(name))
+        without_a_run(under_test(name))
     says(caught, address, text)
 
 
@@ -142,7 +142,7 @@ def test_a_module_that_imports_mujoco(tmp_path: Path, monkeypatch: pytest.Monkey
     registry.records.append(PluginRecord("heavy", "", "entry point heavy_plugin", methods=("bad",)))
     registry.modules["heavy"] = types.ModuleType("heavy_plugin")
     with pytest.raises(ContractError, match="import heavy_plugin brings in mujoco") as caught:
-        check_import("method 'bad'", METHOD_PROMISES["import"], registry, "methods", "bad")
+        check_import("method 'bad'", METHOD_CHECKS["import"], registry, "methods", "bad")
     says(caught, "hooks.md#register_methods", "import those where they are used")
 
 
@@ -160,10 +160,10 @@ def test_a_name_that_nobody_offers() -> None:
 # --- broken in a run
 
 
-@pytest.mark.parametrize(("name", "promise", "hook", "text"), IN_ONE_CALL)
-def test_what_the_watch_sees_in_one_call(name: str, promise: str, hook: str, text: str) -> None:
-    watch = Watch()
-    hooks = watching(watch)([], {"bad": getattr(broken_methods, name)(None, None)})
+@pytest.mark.parametrize(("name", "check", "hook", "text"), IN_ONE_CALL)
+def test_what_the_watch_sees_in_one_call(name: str, check: str, hook: str, text: str) -> None:
+    spy = HookSpy()
+    hooks = spied_hooks(spy)([], {"bad": getattr(broken_methods, name)(None, None)})
     given = {
         "extend_observation": {
             "context": None,
@@ -175,22 +175,22 @@ def test_what_the_watch_sees_in_one_call(name: str, promise: str, hook: str, tex
         "update_auxiliary": {"run": None, "rollout": None},
     }
     getattr(hooks.hook, hook)(**given[hook])
-    (mistake,) = watch.mistakes
-    assert (mistake.promise, mistake.hook) == (promise, hook)
+    (mistake,) = spy.mistakes
+    assert (mistake.check, mistake.hook) == (check, hook)
     assert mistake.text == f"{hook} (filled by bad) {text}"
-    (call,) = watch.calls
+    (call,) = spy.calls
     assert (call.hook, call.plugins, call.within) == (hook, ("bad",), ())
 
 
 @pytest.mark.parametrize(("name", "address", "text"), WATCHED)
 def test_what_the_watched_run_finds(tmp_path: Path, name: str, address: str, text: str) -> None:
     with pytest.raises(ContractError) as caught:
-        watched_run(subject(name), tmp_path / "r")
+        watched_run(under_test(name), tmp_path / "r")
     says(caught, address, text)
 
 
 def test_a_hook_that_is_never_called(tmp_path: Path) -> None:
-    bad = subject("FillsWhatNobodyCalls", hookspecs=broken_methods.__name__)
+    bad = under_test("FillsWhatNobodyCalls", hookspecs=broken_methods.__name__)
     run = watched_run(bad, tmp_path / "r")
     with pytest.raises(ContractError) as caught:
         check_calls(bad, run)
@@ -212,16 +212,16 @@ def test_a_call_out_of_order_is_told() -> None:
 def test_a_run_with_a_call_too_many(tmp_path: Path) -> None:
     bad = find("apl", (), None, "toy-pursuit")
     run = watched_run(bad, tmp_path / "r")
-    run.watch.calls.insert(3, Call("finish_rollout", ("apl",)))
+    run.spy.calls.insert(3, Call("finish_rollout", ("apl",)))
     with pytest.raises(
-        ContractError, match="call 4 of the run was finish_rollout, promised was shape_reward"
+        ContractError, match="call 4 of the run was finish_rollout, expected was shape_reward"
     ):
         check_calls(bad, run)
 
 
 @pytest.mark.slow
 def test_a_seed_that_does_not_decide(tmp_path: Path) -> None:
-    bad = subject("RemembersRuns")
+    bad = under_test("RemembersRuns")
     with pytest.raises(ContractError) as caught:
         check_same_seed(bad, watched_run(bad, tmp_path / "r"), tmp_path / "again")
     says(caught, "testing.md#seeds", "two runs of one seed differ in ")
@@ -229,7 +229,7 @@ def test_a_seed_that_does_not_decide(tmp_path: Path) -> None:
 
 def test_a_seed_that_is_not_heard() -> None:
     with pytest.raises(ContractError) as caught:
-        check_other_seed(subject("SeedsTorch"))
+        check_other_seed(under_test("SeedsTorch"))
     says(caught, "testing.md#seeds", "seeds 0 and 1 begin with the same policy")
 
 
@@ -245,7 +245,7 @@ def test_a_seed_that_is_not_heard() -> None:
     ],
 )
 def test_a_state_that_lacks_something(tmp_path: Path, name: str, text: str) -> None:
-    bad = subject(name)
+    bad = under_test(name)
     with pytest.raises(ContractError) as caught:
         check_resume(bad, watched_run(bad, tmp_path / "r"), tmp_path / "resumed")
     says(caught, "testing.md#resume", text)
@@ -260,7 +260,7 @@ def test_a_state_that_lacks_something(tmp_path: Path, name: str, text: str) -> N
 )
 @pytest.mark.slow
 def test_an_adversary_that_cannot_play(tmp_path: Path, name: str, address: str, text: str) -> None:
-    bad = subject(name)
+    bad = under_test(name)
     with pytest.raises(ContractError) as caught:
         check_playing(bad, watched_run(bad, tmp_path / "r"))
     says(caught, address, text)
@@ -275,9 +275,9 @@ def test_an_adversary_that_cannot_play(tmp_path: Path, name: str, address: str, 
 )
 def test_a_number_of_games_it_did_not_expect(tmp_path: Path, name: str, title: str, text: str) -> None:
     with pytest.raises(ContractError) as caught:
-        check_sizes(subject(name), tmp_path)
+        check_sizes(under_test(name), tmp_path)
     says(caught, "hooks.md#shape_reward", text)
-    assert caught.value.promise.title == title
+    assert caught.value.check.title == title
 
 
 @pytest.mark.parametrize(
@@ -289,6 +289,6 @@ def test_a_number_of_games_it_did_not_expect(tmp_path: Path, name: str, title: s
 )
 def test_bad_company(tmp_path: Path, name: str, address: str, text: str) -> None:
     with pytest.raises(ContractError) as caught:
-        check_company(subject(name), tmp_path / "r")
+        check_companions(under_test(name), tmp_path / "r")
     says(caught, address, text)
-    assert caught.value.promise.title == "Company"
+    assert caught.value.check.title == "Companions"

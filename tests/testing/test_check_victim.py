@@ -1,4 +1,4 @@
-"""check_victim: the scripted victim passes, and each promise has a policy that breaks it and is told so."""
+"""check_victim: the scripted victim passes, and each check has a policy that fails it and is told so."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ CASES = [
 ]
 
 
-def test_the_scripted_victim_keeps_every_promise(apil_check_victim) -> None:
+def test_the_scripted_victim_passes_every_check(apil_check_victim) -> None:
     report = apil_check_victim("scripted:toy-pursuit/evader/v1", "toy-pursuit")
     assert report.checked == ["Loading", "Hash", "Acting", "Same actions", "Playing"]
     assert (report.name, report.side) == ("scripted:toy-pursuit/evader/v1", "evader")
@@ -67,7 +67,7 @@ def test_the_scripted_victim_keeps_every_promise(apil_check_victim) -> None:
 
 
 @pytest.mark.parametrize(("kind", "section", "text"), CASES)
-def test_a_broken_victim_is_told_which_promise_it_broke(
+def test_a_broken_victim_is_told_which_check_it_failed(
     tmp_path: Path, apil_files: None, kind: str, section: str, text: str
 ) -> None:
     (tmp_path / "broken_victims.py").write_text(BROKEN)
@@ -83,7 +83,7 @@ def test_a_report_is_a_short_table() -> None:
         "still:x", "toy-pursuit", "evader", "ab" * 32, ["Loading"], ["recurrent"], 6, 0, 2, 1.5
     )
     assert str(report).splitlines() == [
-        "victim still:x on toy-pursuit: 1 promises kept (1.5 s)",
+        "victim still:x on toy-pursuit: 1 checks passed (1.5 s)",
         "  seat            evader",
         "  sha256          abababababababab",
         "  against random  6 won, 0 tied, 2 lost",

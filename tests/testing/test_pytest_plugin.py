@@ -11,7 +11,7 @@ from docs.pages import ROOT, anchors
 
 from apil_core.api.hookspecs import ProcessHooks, RunHooks
 from apil_core.testing import check_game, check_method, check_victim, tiny_config
-from apil_core.testing.promises import GAME_PROMISES, METHOD_PROMISES, VICTIM_PROMISES, hook_address
+from apil_core.testing.checks import GAME_CHECKS, METHOD_CHECKS, VICTIM_CHECKS, hook_address
 
 TESTS = """
 import sys
@@ -69,17 +69,17 @@ def test_the_fixtures_are_the_functions(apil_check_method, apil_check_game, apil
     assert (apil_check_method, apil_check_game, apil_check_victim) == (check_method, check_game, check_victim)
 
 
-PROMISES = [*METHOD_PROMISES.values(), *GAME_PROMISES.values(), *VICTIM_PROMISES.values()]
+CHECKS = [*METHOD_CHECKS.values(), *GAME_CHECKS.values(), *VICTIM_CHECKS.values()]
 
 
 @pytest.mark.parametrize("page", ["testing.md", "hooks.md"])
 def test_every_address_in_a_message_leads_somewhere(page: str) -> None:
     hooks = [n for place in (RunHooks, ProcessHooks) for n in vars(place) if not n.startswith("_")]
-    addresses = [*(p.address for p in PROMISES), *map(hook_address, hooks), hook_address("anothers_hook")]
+    addresses = [*(p.address for p in CHECKS), *map(hook_address, hooks), hook_address("anothers_hook")]
     named = {a.partition("#")[2] for a in addresses if a.startswith(page)}
     assert named
     assert named <= anchors(ROOT / "docs" / page)
 
 
 def test_titles_differ() -> None:
-    assert len({promise.title for promise in PROMISES}) == len(PROMISES)
+    assert len({check.title for check in CHECKS}) == len(CHECKS)

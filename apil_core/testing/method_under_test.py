@@ -15,7 +15,7 @@ from apil_core.evaluation.progress import Progress
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.runs.session import Session
-from apil_core.testing.promises import METHOD_PROMISES, ContractError, Promise, promised
+from apil_core.testing.checks import METHOD_CHECKS, Check, ContractError, reported_as
 from apil_core.testing.tiny import tiny_config
 from apil_core.training.build import build
 from apil_core.training.storage import checkpoint
@@ -27,7 +27,7 @@ SHORT = 5
 
 
 @dataclass
-class Subject:
+class MethodUnderTest:
     """A method under examination.
 
     Attributes:
@@ -48,9 +48,9 @@ class Subject:
         """For messages."""
         return f"method {self.spec.name!r}"
 
-    def broken(self, promise: str, happened: str, hook: str | None = None) -> ContractError:
-        """The error for one of :data:`METHOD_PROMISES`."""
-        return ContractError(self.who, METHOD_PROMISES[promise], happened, hook)
+    def broken(self, check: str, happened: str, hook: str | None = None) -> ContractError:
+        """The error for one of :data:`METHOD_CHECKS`."""
+        return ContractError(self.who, METHOD_CHECKS[check], happened, hook)
 
     def config(self, **changes: Any) -> RunConfig:
         """A run of the method: 6 games, 4 rollouts of 8 steps, all of it kept."""
@@ -75,7 +75,7 @@ def find(
     plugins: Sequence[str | Path],
     options: Mapping[str, Any] | None,
     env: str,
-) -> Subject:
+) -> MethodUnderTest:
     """The method among all installed plugins and the files given.
 
     Raises:
@@ -83,17 +83,17 @@ def find(
         UnknownNameError: no method or no game has that name.
     """
     name = method.name if isinstance(method, MethodSpec) else method
-    registry = registry_with(f"method {name!r}", METHOD_PROMISES["spec"], plugins)
+    registry = registry_with(f"method {name!r}", METHOD_CHECKS["spec"], plugins)
     if isinstance(method, MethodSpec):
         registry.methods[name] = method
     elif name not in registry.methods:
-        raise_if_broken(f"method {name!r}", METHOD_PROMISES["spec"], registry, name)
+        raise_if_broken(f"method {name!r}", METHOD_CHECKS["spec"], registry, name)
         raise UnknownNameError("method", name, registry.methods)
     registry.game(env)
-    return Subject(registry.methods[name], registry, env, options)
+    return MethodUnderTest(registry.methods[name], registry, env, options)
 
 
-def registry_with(who: str, promise: Promise, plugins: Sequence[str | Path]) -> PluginRegistry:
+def registry_with(who: str, check: Check, plugins: Sequence[str | Path]) -> PluginRegistry:
     """A registry of the check's own: others are not to meet what is added to it.
 
     Raises:
@@ -102,43 +102,43 @@ def registry_with(who: str, promise: Promise, plugins: Sequence[str | Path]) -> 
     try:
         return discover(plugins)
     except PluginError as error:
-        raise ContractError(who, promise, str(error)) from error
+        raise ContractError(who, check, str(error)) from error
 
 
-def raise_if_broken(who: str, promise: Promise, registry: PluginRegistry, name: str) -> None:
+def raise_if_broken(who: str, check: Check, registry: PluginRegistry, name: str) -> None:
     """A name nobody offers may be that of a plugin that was left out; then say why it was."""
     for record in registry.records:
         if record.error is not None and record.name == name:
             text = f"plugin {record.name!r} ({record.origin}) is broken: {record.error}"
-            raise ContractError(who, promise, text)
+            raise ContractError(who, check, text)
 
 
 def train(
-    subject: Subject,
+    tested: MethodUnderTest,
     config: RunConfig,
     out: Path,
     *,
-    promise: str = "run",
+    check: str = "run",
     manager: type[RunHookManager] = RunHookManager,
     checkpoint_path: Path | None = None,
 ) -> Trainer:
     """Run ``config`` from its start, or from a checkpoint of another run of it.
 
-    As :func:`apil_core.run` and :func:`apil_core.resume` do, but with the subject's registry.
+    As :func:`apil_core.run` and :func:`apil_core.resume` do, but with the tested's registry.
 
     Args:
-        subject: whose method it is.
+        tested: whose method it is.
         config: of the run.
         out: its directory.
-        promise: that is broken if something goes wrong.
+        check: that is broken if something goes wrong.
         manager: of its hooks.
         checkpoint_path: start from here.
 
     Raises:
         ContractError: the method failed.
     """
-    registry = subject.registry
-    with promised(subject.who, METHOD_PROMISES[promise]):
+    registry = tested.registry
+    with reported_as(tested.who, METHOD_CHECKS[check]):
         config = complete(config, registry).model_copy(update={"victim_sha256": ""})
         trainer = Trainer(build(config, registry, manager=manager), registry)
         pending: Sequence[dict[str, float]] = ()

@@ -24,7 +24,7 @@ class Call:
         hook: its name.
         plugins: who was asked, in order of registration.
         within: plugins of the hooks from within which it was made.
-        seconds: of processor time, in the plugins and in pluggy; with calls within it, without the watch.
+        seconds: of processor time, in the plugins and in pluggy; with calls within it, without the recording.
     """
 
     hook: str
@@ -38,12 +38,12 @@ class Mistake:
     """What a hook did that it should not.
 
     Attributes:
-        promise: key of ``METHOD_PROMISES``.
+        check: key of ``METHOD_CHECKS``.
         hook: during which it was done.
         text: what.
     """
 
-    promise: str
+    check: str
     hook: str
     text: str
 
@@ -55,10 +55,10 @@ class _Open:
     plain: str
     random: tuple[bytes, bytes, int]
     begin: float = 0.0
-    watching: float = 0.0
+    spied_hooks: float = 0.0
 
 
-class Watch:
+class HookSpy:
     """What a run's hooks did.
 
     Attributes:
@@ -91,7 +91,7 @@ class Watch:
             return
         ended = time.process_time()
         opened = self._open.pop()
-        opened.call.seconds = ended - opened.begin - opened.watching
+        opened.call.seconds = ended - opened.begin - opened.spied_hooks
         paths = changed(opened.before, arguments)
         if not paths and opened.plain != _plain(arguments):
             paths = [name for name in arguments if name != "run"]
@@ -102,16 +102,16 @@ class Watch:
                 self._note("randomness", opened.call, f"drew from, or seeded, {name}")
         self._charge(time.process_time() - ended, self._open)
 
-    def _note(self, promise: str, call: Call, text: str) -> None:
+    def _note(self, check: str, call: Call, text: str) -> None:
         # a nested call's mistake is its callers' too; it is told once, where it happened
-        if not any(mistake.promise == promise and mistake.text == text for mistake in self.mistakes):
+        if not any(mistake.check == check and mistake.text == text for mistake in self.mistakes):
             who = ", ".join(call.plugins)
-            self.mistakes.append(Mistake(promise, call.hook, f"{call.hook} (filled by {who}) {text}"))
+            self.mistakes.append(Mistake(check, call.hook, f"{call.hook} (filled by {who}) {text}"))
 
     @staticmethod
     def _charge(seconds: float, opened: Sequence[_Open]) -> None:
         for one in opened:
-            one.watching += seconds
+            one.spied_hooks += seconds
 
 
 _GLOBAL = ("torch's global generator", "numpy's global generator", "Python's module random")
@@ -134,14 +134,14 @@ def _numbers(value: Any) -> Any:
     return None if isinstance(value, torch.Tensor) else value
 
 
-def watching(watch: Watch) -> type[RunHookManager]:
-    """A class of hook managers whose calls ``watch`` hears of."""
+def spied_hooks(spy: HookSpy) -> type[RunHookManager]:
+    """A class of hook managers whose calls ``spy`` records."""
 
-    class WatchedHooks(RunHookManager):
+    class SpiedHooks(RunHookManager):
         """The real thing, listened to."""
 
         def __init__(self, *arguments: Any, **keywords: Any):
             super().__init__(*arguments, **keywords)
-            self.manager.add_hookcall_monitoring(watch.before, watch.after)
+            self.manager.add_hookcall_monitoring(spy.before, spy.after)
 
-    return WatchedHooks
+    return SpiedHooks

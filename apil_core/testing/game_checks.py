@@ -1,4 +1,4 @@
-"""What ``apil_core.Game`` promises, one function for each promise; the house's own games pass them all."""
+"""What ``apil_core.Game`` asks for, one function for each check; each raises ContractError."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 
 from apil_core.api.game import Array, GameStep
 from apil_core.common.errors import FAILURES, ApilError
+from apil_core.testing.checks import GAME_CHECKS, reported_as
 from apil_core.testing.game_facts import LONGEST, arrays, endings, layout
-from apil_core.testing.game_play import GAMES, Play, Trial, plain, same, snapshot
-from apil_core.testing.promises import GAME_PROMISES, promised
+from apil_core.testing.game_play import GAMES, Play, Trial, plain, same, same_views, snapshot
 
 
 def seeds(trial: Trial) -> None:
@@ -29,7 +29,7 @@ def seeds(trial: Trial) -> None:
         if not same(plays[0], play):
             raise trial.broken("seeds", f"1 and {threads} threads give other games for the same seed")
     with trial.game(2, seed=1) as one, trial.game(2, seed=2) as two:
-        if not any((a != b).any() for a, b in zip(one.observations, two.observations, strict=True)):
+        if same_views(one.observations, two.observations):
             trial.skipped.append(
                 "another seed: seeds 1 and 2 begin alike; a game may, if its starts are fixed"
             )
@@ -45,10 +45,9 @@ def save(trial: Trial) -> None:
             raise trial.broken("save", "state_dict must hold arrays, numbers, strings and dicts of them only")
         second = Play(other)
         second.rng.bit_generator.state = copy.deepcopy(first.rng.bit_generator.state)
-        with promised(f"game {trial.name!r}", GAME_PROMISES["save"]):
+        with reported_as(f"game {trial.name!r}", GAME_CHECKS["save"]):
             other.load_state_dict(state)
-        pairs = zip(game.observations, other.observations, strict=True)
-        if not all(np.array_equal(a, b) for a, b in pairs):
+        if not same_views(game.observations, other.observations):
             raise trial.broken("save", "observations right after load_state_dict are not those saved")
         first.trace.clear()
         first.run(35)
@@ -64,11 +63,11 @@ def reset(trial: Trial) -> None:
         before = snapshot(game)
         mask = np.arange(GAMES) % 2 == 0
         game.reset(mask)
-        for old, new in zip(before, game.observations, strict=True):
-            if not np.array_equal(old[~mask], new[~mask]):
-                raise trial.broken("reset", "rows outside of the mask changed")
-            if not (old[mask] != new[mask]).any(axis=1).all():
-                raise trial.broken("reset", "a row of the mask did not start anew")
+        if not same_views(before, game.observations, ~mask):
+            raise trial.broken("reset", "rows outside of the mask changed")
+        pairs = zip(before, game.observations, strict=True)
+        if not all((old[mask] != new[mask]).any(axis=1).all() for old, new in pairs):
+            raise trial.broken("reset", "a row of the mask did not start anew")
 
 
 def inactive(trial: Trial) -> None:
@@ -78,16 +77,14 @@ def inactive(trial: Trial) -> None:
         play = Play(free, 4)
         for _ in range(5):
             actions = play.actions()
-            before = [o[~active] for o in snapshot(held)]
+            before = snapshot(held)
             step, full = held.step(actions, active), free.step(actions)
             if (reason := _disturbed(step, full, active)) is not None:
                 raise trial.broken("inactive", reason)
-            for old, new in zip(before, held.observations, strict=True):
-                if not np.array_equal(old, new[~active]):
-                    raise trial.broken("inactive", "observations of held games changed")
-            for one, other in zip(held.observations, free.observations, strict=True):
-                if not np.array_equal(one[active], other[active]):
-                    raise trial.broken("inactive", "active games went another way than without held ones")
+            if not same_views(before, held.observations, ~active):
+                raise trial.broken("inactive", "observations of held games changed")
+            if not same_views(held.observations, free.observations, active):
+                raise trial.broken("inactive", "active games went another way than without held ones")
     with trial.game() as game:
         step = game.step(Play(game).actions(), np.zeros(GAMES, bool))
         if step.done.any() or step.lengths.any():
@@ -134,9 +131,8 @@ def bounds(trial: Trial) -> None:
             ]
             wild.step((far[0], far[1]))
             tame.step((near[0], near[1]))
-            for one, other in zip(wild.observations, tame.observations, strict=True):
-                if not np.array_equal(one, other):
-                    raise trial.broken("bounds", "an action out of bounds is not clipped to them")
+            if not same_views(wild.observations, tame.observations):
+                raise trial.broken("bounds", "an action out of bounds is not clipped to them")
 
 
 def beside(trial: Trial) -> None:
@@ -149,9 +145,8 @@ def beside(trial: Trial) -> None:
             mixed = [np.where(mine[:, None], a, b) for a, b in zip(actions, alien, strict=True)]
             left.step(actions)
             right.step((mixed[0], mixed[1]))
-            for one, other in zip(left.observations, right.observations, strict=True):
-                if not np.array_equal(one[mine], other[mine]):
-                    raise trial.broken("beside", "what other games' players do changes a game")
+            if not same_views(left.observations, right.observations, mine):
+                raise trial.broken("beside", "what other games' players do changes a game")
 
 
 def buffers(trial: Trial) -> None:
@@ -161,7 +156,7 @@ def buffers(trial: Trial) -> None:
         for _ in range(3):
             kept, copies = game.observations, snapshot(game)
             game.step(play.actions())
-            if not all(np.array_equal(a, b) for a, b in zip(kept, copies, strict=True)):
+            if not same_views(kept, copies):
                 raise trial.broken("buffers", "a step overwrites the observations handed out before it")
 
 
@@ -181,7 +176,7 @@ def first(trial: Trial) -> None:
 
 def one(trial: Trial) -> None:
     """A single one."""
-    with trial.game(1) as game, promised(f"game {trial.name!r}", GAME_PROMISES["one"]):
+    with trial.game(1) as game, reported_as(f"game {trial.name!r}", GAME_CHECKS["one"]):
         step = Play(game).run(25)
         if step.done.shape != (1,):
             raise trial.broken("one", f"GameStep.done must be (1,), got {step.done.shape}")
@@ -199,7 +194,7 @@ def views(trial: Trial) -> None:
         return ParallelGameEnv(trial.make(1, 1))
 
     who, silence = f"game {trial.name!r}", redirect_stdout(io.StringIO())  # PettingZoo's prints
-    with warnings.catch_warnings(), promised(who, GAME_PROMISES["views"]), silence:
+    with warnings.catch_warnings(), reported_as(who, GAME_CHECKS["views"]), silence:
         warnings.simplefilter("error", UserWarning)
         parallel_api_test(fresh(), num_cycles=30)
         parallel_seed_test(fresh, num_cycles=30)
@@ -211,23 +206,11 @@ def views(trial: Trial) -> None:
             check_env(OpponentInsideEnv(game, opponent, side=side), skip_render_check=True)
 
 
-PROMISES: dict[str, Callable[[Trial], None]] = {
+CHECKS: dict[str, Callable[[Trial], None]] = {
     check.__name__: check
     for check in (
-        layout,
-        arrays,
-        endings,
-        seeds,
-        save,
-        reset,
-        inactive,
-        ended,
-        bounds,
-        beside,
-        buffers,
-        first,
-        one,
-        views,
+        *(layout, arrays, endings, seeds, save, reset, inactive),
+        *(ended, bounds, beside, buffers, first, one, views),
     )
 }
-"""All checks of :data:`apil_core.testing.promises.GAME_PROMISES` but ``spec``, by key."""
+"""All checks of :data:`apil_core.testing.checks.GAME_CHECKS` but ``spec``, by key."""
