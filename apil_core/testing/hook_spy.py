@@ -55,7 +55,7 @@ class _Open:
     plain: str
     random: tuple[bytes, bytes, int]
     begin: float = 0.0
-    spied_hooks: float = 0.0
+    recording: float = 0.0
 
 
 class HookSpy:
@@ -91,7 +91,7 @@ class HookSpy:
             return
         ended = time.process_time()
         opened = self._open.pop()
-        opened.call.seconds = ended - opened.begin - opened.spied_hooks
+        opened.call.seconds = ended - opened.begin - opened.recording
         paths = changed(opened.before, arguments)
         if not paths and opened.plain != _plain(arguments):
             paths = [name for name in arguments if name != "run"]
@@ -111,7 +111,7 @@ class HookSpy:
     @staticmethod
     def _charge(seconds: float, opened: Sequence[_Open]) -> None:
         for one in opened:
-            one.spied_hooks += seconds
+            one.recording += seconds
 
 
 _GLOBAL = ("torch's global generator", "numpy's global generator", "Python's module random")
