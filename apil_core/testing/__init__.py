@@ -21,17 +21,7 @@ _HOME_OF = {
     "tiny_run": "apil_core.testing.tiny",
 }
 
-__all__ = [
-    "ContractError",
-    "GameReport",
-    "MethodReport",
-    "VictimReport",
-    "check_game",
-    "check_method",
-    "check_victim",
-    "tiny_config",
-    "tiny_run",
-]
+__all__ = list(_HOME_OF)
 
 
 def __getattr__(name: str) -> Any:
