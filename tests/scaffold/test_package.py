@@ -121,7 +121,7 @@ def test_apil_finds_what_they_offer(found):
 def test_its_own_tests_of_arithmetic_pass(found, written, kind):
     made = written[kind]
     tests = runpy.run_path(str(made.directory / "tests" / f"test_{made.names.identifier}.py"))
-    by_hand = [name for name in tests if name.startswith("test_") and "promise" not in name]
+    by_hand = [name for name in tests if name.startswith("test_") and "every_check" not in name]
     assert len(by_hand) == 1
     tests[by_hand[0]]()
 
@@ -141,7 +141,7 @@ def test_the_method_trains_pays_its_bonus_and_keeps_its_state(found, tmp_path):
     assert state["habit"].abs().sum() > 0
 
 
-def test_the_game_keeps_its_promises(found):
+def test_the_game_passes_every_check(found):
     assert "sample-game" in str(check_game("sample-game"))
 
 

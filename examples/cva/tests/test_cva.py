@@ -238,7 +238,7 @@ def test_every_option_and_its_default_stand_in_the_readme():
 
 
 @pytest.mark.slow
-def test_it_keeps_every_promise_of_a_method():
+def test_it_passes_every_check_of_a_method():
     print(check_method("cva"))
 
 

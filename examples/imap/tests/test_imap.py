@@ -248,7 +248,7 @@ def test_mistaken_options_are_told():
         ImapConfig(references=10)
 
 
-def test_policy_coverage_keeps_every_promise_of_a_method():
+def test_policy_coverage_passes_every_check_of_a_method():
     print(check_method("imap"))
 
 

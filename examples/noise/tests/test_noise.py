@@ -64,5 +64,5 @@ def test_another_runs_policy_is_no_noise(tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_it_keeps_every_promise_of_a_method():
+def test_it_passes_every_check_of_a_method():
     print(check_method("noise"))
