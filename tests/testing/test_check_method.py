@@ -68,7 +68,7 @@ def test_adrl_passes_every_check() -> None:
         ("apil", {"prediction": "noise"}, {"extend_observation": 33}),
         ("apil", {"prediction": "oracle", "share_victim_observation": True}, {"extend_observation": 33}),
         ("apil", {"rollouts": "own", "imitator": {"update": "ppo"}}, {"imitation_reward": 2}),
-        ("e_apil", None, {"imitation_reward": 4}),
+        ("e_apil", None, {"imitation_streams": 4}),
     ],
 )
 def test_the_other_methods_pass_every_check(name: str, options, hooks: dict[str, int]) -> None:
