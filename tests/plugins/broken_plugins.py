@@ -305,10 +305,10 @@ REMARKS = {
 }
 
 SECTIONS = {
-    "When plugins are looked for": DISCOVERY,
+    "Discovery": DISCOVERY,
     "Before the first step": BEFORE,
     "In the first iteration": FIRST,
     "Later": LATER,
-    "Told, but no error": REMARKS,
+    "Warnings": REMARKS,
 }
 """Sections of the page, and the rows of each."""
