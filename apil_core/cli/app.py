@@ -8,7 +8,7 @@ from apil_core import __version__
 
 _HELP = (
     "Train and judge adversarial policies against deep-RL agents in two-player games.\n\n"
-    "--trust, with any command: run code that files name (python: and pettingzoo: names, one-file plugins)."
+    "--trust (with any command): run code that files name (python: and pettingzoo: names, one-file plugins)."
 )
 
 _WORK = Group("Train and evaluate", sort_key=0)
