@@ -48,6 +48,10 @@ class Section(BaseModel):
     )
 
 
+Width = Annotated[int, Field(gt=0, le=2**16)]
+"""Units of a layer."""
+
+
 class RewardConfig(Section):
     """Training reward ``c·w_dense·dense + (1−c)·w_sparse·sparse`` (docs/methods.md §1); null: the game's."""
 
@@ -94,7 +98,7 @@ class PPOConfig(Section):
     """Weight of the entropy bonus."""
     max_grad_norm: Annotated[float, Field(gt=0)] = 0.5
     """Gradient clip, for actor and critic separately."""
-    hidden: tuple[int, ...] = (64, 64)
+    hidden: Annotated[tuple[Width, ...], Field(min_length=1)] = (64, 64)
     """Hidden tanh layers of actor and critic."""
     action_unit: Literal["game", "limit"] = "game"
     """Unit of the policy's mean and spread: the game's own, or a motor's limit (0.4 in humanoids)."""
@@ -173,7 +177,7 @@ class RunConfig(Section):
     """Draw the victim's actions during training, or take the mode."""
     steps: Annotated[int, Field(gt=0)] = 35_000_000
     """Environment steps of training (the paper's budget by default), rounded up to whole rollouts."""
-    num_envs: Annotated[int, Field(gt=0)] = 128
+    num_envs: Annotated[int, Field(gt=0, le=2**20)] = 128
     """Games stepped together."""
     threads: Annotated[int, Field(ge=0)] = 0
     """Threads of physics, and of the update (two at most); 0: all CPUs. Never changes results."""

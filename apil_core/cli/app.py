@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from cyclopts import App, Group, Parameter
+from typing import get_args
+
+from cyclopts import App, ArgumentCollection, CoercionError, Group, Parameter
 
 from apil_core import __version__
+from apil_core.common.numbers import whole_number
 
 _HELP = (
     "Train and judge adversarial policies against deep-RL agents in two-player games.\n\n"
@@ -58,6 +61,7 @@ def make_app() -> App:
         version=__version__,
         # --no-… and --empty-… twins of every flag would only bury the real ones
         default_parameter=Parameter(negative=()),
+        config=_read_whole_numbers,
         result_action="return_value",
         exit_on_error=False,
         print_error=False,
@@ -72,3 +76,16 @@ def make_app() -> App:
 def sub_app(name: str, summary: str) -> App:
     """A group of verbs (``apil NAME …``) with the manners of the whole."""
     return App(name=name, help=summary, default_parameter=Parameter(negative=()), help_format="plaintext")
+
+
+def _read_whole_numbers(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+    """Take 300k, 35M and 1e6 for any whole number, and nothing else than one: cyclopts would round 1.5."""
+    for argument in arguments:
+        if int not in (argument.hint, *get_args(argument.hint)) or argument.parameter.converter:
+            continue
+        for place, token in enumerate(argument.tokens):
+            try:
+                argument.tokens[place] = token.evolve(value=str(whole_number(token.value)))
+            except ValueError as error:
+                text = f"{token.value!r} is not a whole number"
+                raise CoercionError(msg=text, argument=argument, token=token) from error

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
-from apil_core.cli.flags import Json, Quiet, count
+from apil_core.cli.flags import Json, Quiet
 from apil_core.cli.guard import INTERRUPTED, complain
 from apil_core.cli.progress import make_progress
 from apil_core.common.errors import ConfigError
@@ -43,7 +43,6 @@ def run(
     steps: Annotated[
         int | None,
         Parameter(
-            converter=count,
             help="Budget of all cells [default: the matrix's]; a higher one takes finished cells on.",
         ),
     ] = None,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Group, Parameter
 
 from apil_core.api.profiles import Profile
-from apil_core.cli.flags import PHYSICS_HELP, Json, Plugins, Quiet, count
+from apil_core.cli.flags import PHYSICS_HELP, Json, Plugins, Quiet
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
@@ -61,7 +61,6 @@ class DistillFlags:
     steps: Annotated[
         int | None,
         Parameter(
-            converter=count,
             group=_HOW,
             help=f"Game steps to play and label, rounded up to whole blocks {_default('steps')}.",
         ),

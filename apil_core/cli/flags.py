@@ -10,7 +10,6 @@ from cyclopts import Group, Parameter
 
 from apil_core.api.config import RunConfig
 from apil_core.api.profiles import Profile
-from apil_core.common.numbers import whole_number
 from apil_core.config.layers import located, preset_names
 
 if TYPE_CHECKING:
@@ -49,11 +48,6 @@ Plugins = Annotated[
 ]
 
 
-def count(_: Any, tokens: Any) -> int:
-    """A whole number, also written 300k, 35M, 1e6 or 1_000_000."""
-    return whole_number(tokens[0].value)
-
-
 def setting(name: str, **options: Any) -> Parameter:
     """A flag that sets one config key: its help is the key's description and true default."""
     info = RunConfig.model_fields[name]
@@ -73,7 +67,7 @@ class ConfigFlags:
     method: Annotated[str | None, setting("method", alias="-m")] = None
     env: Annotated[str | None, setting("env", alias="-e")] = None
     victim: Annotated[str | None, setting("victim")] = None
-    steps: Annotated[int | None, setting("steps", converter=count)] = None
+    steps: Annotated[int | None, setting("steps")] = None
     num_envs: Annotated[int | None, setting("num_envs")] = None
     threads: Annotated[int | None, setting("threads")] = None
     seed: Annotated[int | None, setting("seed")] = None

@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from apil_core.cli.finish import exit_code, finish
-from apil_core.cli.flags import Json, Quiet, Show, count
+from apil_core.cli.flags import Json, Quiet, Show
 from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
 from apil_core.common.errors import RunDirError
@@ -22,9 +22,7 @@ def resume(
     directory: Annotated[Path, Parameter(name="DIR", help="Directory of a run or of a retraining.")],
     /,
     *,
-    steps: Annotated[
-        int | None, Parameter(converter=count, help="New total budget; also extends a finished run.")
-    ] = None,
+    steps: Annotated[int | None, Parameter(help="New total budget; also extends a finished run.")] = None,
     checkpoint: Annotated[
         Path | None, Parameter(help="Checkpoint to continue from, or best [default: the newest].")
     ] = None,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Group, Parameter
 
 from apil_core.api.profiles import Profile
-from apil_core.cli.flags import PHYSICS_HELP, Json, Quiet, count
+from apil_core.cli.flags import PHYSICS_HELP, Json, Quiet
 from apil_core.cli.guard import INTERRUPTED, complain
 from apil_core.cli.output import console, print_json, say, table
 from apil_core.cli.progress import make_progress
@@ -50,7 +50,7 @@ class RetrainFlags:
         Profile | None,
         Parameter(group=_HOW, help=f"Physics profile; {PHYSICS_HELP} [default: the first run's]."),
     ] = None
-    steps: Annotated[int | None, _setting("steps", _HOW, converter=count)] = None
+    steps: Annotated[int | None, _setting("steps", _HOW)] = None
     num_envs: Annotated[
         int | None, Parameter(group=_HOW, help="Games stepped together [default: the first run's].")
     ] = None

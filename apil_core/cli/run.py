@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -69,6 +70,8 @@ def run(
     from apil_core.runs import runner
     from apil_core.training.distributed.join import joined
 
+    if len(jobs) > 1:
+        os.environ.pop("WANDB_RUN_ID", None)  # one run of a tracker for all seeds would be none for any
     documents: list[dict[str, Any]] = []
     with joined(config.device):  # once for all seeds
         for seeded, directory in jobs:

@@ -12,6 +12,9 @@ from typing import BinaryIO
 
 from apil_core.common.errors import ApilError, ConfigError, RunDirError
 
+LOCK = ".lock"
+"""Name of the lock of a directory."""
+
 
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     """Call ``write(file)`` on a temporary neighbour, fsync it, and rename it to ``path``.
@@ -68,8 +71,10 @@ def sha256(path: Path) -> str:
 
 
 def is_taken(directory: Path) -> bool:
-    """Whether anything is there but an empty directory."""
-    return directory.exists() and (not directory.is_dir() or any(directory.iterdir()))
+    """Whether anything is there but an empty directory; the lock of one that is being made does not count."""
+    if not directory.is_dir():
+        return directory.exists()
+    return any(entry.name != LOCK for entry in directory.iterdir())
 
 
 @contextmanager

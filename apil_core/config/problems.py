@@ -32,7 +32,11 @@ def raise_problems(problems: Sequence[Problem], origins: Mapping[Key, str]) -> N
 
 def problems_of(error: ValidationError, model: type[BaseModel]) -> list[Problem]:
     """pydantic's complaints in our words."""
-    return [Problem(tuple(item["loc"]), _reason(dict(item), model)) for item in error.errors()]
+    found = error.errors()
+    parts = {tuple(item["loc"][:-1]) for item in found}
+    # of a tuple whose parts are wrong it says that it is too short as well
+    told = [item for item in found if item["type"] != "too_short" or tuple(item["loc"]) not in parts]
+    return [Problem(tuple(item["loc"]), _reason(dict(item), model)) for item in told]
 
 
 def unknown_name(key: Key, kind: str, name: str, known: Sequence[str]) -> Problem:

@@ -18,6 +18,16 @@ WRONG = {
         "--steps",
         "1.5",
     ): "Invalid value for --steps: '1.5' is not a whole number (see: apil run --help)",
+    ("run", "--num-envs", "1.5"): "Invalid value for --num-envs: '1.5' is not a whole number",
+    ("run", "--seed", "2.5"): "Invalid value for --seed: '2.5' is not a whole number",
+    ("run", "--seed", "null"): "Invalid value for --seed: 'null' is not a whole number",
+    ("eval", "nowhere", "--episodes", "99.5"): "Invalid value for --episodes: '99.5' is not a whole number",
+    ("analyze", "activations", "nowhere", "--seed", ".5"): "Invalid value for --seed: '.5' is not a whole",
+    ("run", "--num-envs", "1000000000"): "--num-envs 1000000000: should be less than or equal to",
+    ("run", *TINY, "--set", "ppo.hidden=[]"): "--set ppo.hidden=[]: tuple should have at least 1 item",
+    ("run", *TINY, "--set", "ppo.hidden=[0]"): "--set ppo.hidden=[0]: ppo.hidden.0: should be greater than 0",
+    ("run", *TINY, "--set", "ppo.hidden=[64, -1]"): "ppo.hidden.1: should be greater than 0, got -1",
+    ("run", *TINY, "--set", "options.apil.imitator.hidden=[]"): "should have at least 1 item",
     ("run", "--seeds", "3..1"): "Invalid value for --seeds: '3..1' names no seed, or one twice",
     ("run", "--method", "e_apill", "--env", "coin", "--plugin", str(COIN)): (
         "--method e_apill: unknown method 'e_apill' (did you mean 'e_apil'? known: adrl, "

@@ -107,16 +107,26 @@ def test_an_extended_retraining_is_bit_exact(attacks: dict[str, Path], tmp_path:
     assert rows[-1]["opponent/mixed/games"] == rows[-1]["games_total"]
 
 
+@pytest.mark.parametrize("moment", ["iteration", "evaluation"])
 def test_ctrl_c_leaves_a_checkpoint_to_go_on_from(
-    attacks: dict[str, Path], whole: Path, tmp_path: Path
+    attacks: dict[str, Path], whole: Path, tmp_path: Path, moment: str
 ) -> None:
+    """In a due evaluation as well: it is played to its end."""
+
     class Impatient(Progress):
+        asked = False
+
         def iteration(self, metrics: dict[str, float]) -> None:
-            if metrics["iteration"] == 3:
+            if metrics["iteration"] == 3 and moment == "iteration":
+                os.kill(os.getpid(), signal.SIGINT)
+
+        def evaluation_progress(self, done: int, total: int) -> None:
+            if moment == "evaluation" and not self.asked:
+                self.asked = True
                 os.kill(os.getpid(), signal.SIGINT)
 
     stopped = retrain(config(attacks, *BOTH, **WATCHED), out=tmp_path / "parts", progress=Impatient())
-    assert (stopped.status, stopped.steps) == ("interrupted", 3 * 512)
+    assert (stopped.status, stopped.steps) == ("interrupted", {"iteration": 3, "evaluation": 2}[moment] * 512)
     assert load_policy(f"retrained:{tmp_path / 'parts'}").info.sha256 == stopped.hardened.sha256
     go_on(tmp_path / "parts")
     assert differences(final_state(whole), final_state(tmp_path / "parts")) == []

@@ -8,12 +8,14 @@ import os
 import signal
 import sqlite3
 import struct
+import subprocess
 import sys
 import time
 from collections import Counter
 from contextlib import closing, suppress
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -329,3 +331,22 @@ def test_a_damaged_note_of_where_a_run_is_tracked_begins_anew(tmp_path: Path) ->
     assert here.where("wandb") == {"id": "x"}
     (tmp_path / "r" / "wandb.json").write_text('{"id"')
     assert here.where("wandb") == {}
+
+
+def test_several_seeds_do_not_share_one_run_of_wandbs(tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setenv("WANDB_RUN_ID", "mine")
+    ids = {}
+    for name, seeds in (("one", ("--seed", "0")), ("two", ("--seeds", "0..1"))):
+        words = ["run", "-m", "adrl", "-e", "toy-pursuit", "--steps", "64", "--num-envs", "8", "--out", name]
+        for setting in (
+            "ppo.num_steps=16",
+            "ppo.minibatches=1",
+            "evaluation.episodes=0",
+            "recorders=[wandb]",
+        ):
+            words += ["--set", setting]
+        command = [sys.executable, "-m", "apil_core.cli", *words, *seeds, "--quiet"]
+        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+        ids[name] = [json.loads(f.read_text())["id"] for f in (tmp_path / name).rglob("wandb.json")]
+    assert ids["one"] == ["mine"]
+    assert len({*ids["two"], "mine"}) == 3

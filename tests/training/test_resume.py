@@ -14,6 +14,7 @@ import pytest
 from helpers.small_runs import differences, small_config
 
 from apil_core import ApilError, ConfigError, RunDirError, resume, run
+from apil_core.common.files import locked
 from apil_core.config.resolve import dump_yaml
 from apil_core.evaluation.progress import Progress
 from apil_core.studies.curves.curves import final_scores
@@ -125,6 +126,17 @@ def test_an_existing_directory_is_not_touched(tmp_path):
     with pytest.raises(RunDirError, match="exists and is not empty; choose another --out"):
         run(small_config("adrl"), out=tmp_path / "r")
     assert [p.name for p in (tmp_path / "r").iterdir()] == ["thesis.txt"]
+
+
+def test_two_that_want_one_directory_at_once(tmp_path):
+    (tmp_path / "r").mkdir()
+    with (
+        locked(tmp_path / "r" / ".lock", "taken"),
+        pytest.raises(RunDirError, match="exists and is not empty"),
+    ):
+        run(small_config("adrl"), out=tmp_path / "r")
+    assert [p.name for p in (tmp_path / "r").iterdir() if p.name != ".lock"] == []
+    assert run(small_config("adrl", steps=512), out=tmp_path / "r").status == "finished"
 
 
 def test_a_path_that_cannot_be_a_directory(tmp_path):

@@ -41,7 +41,7 @@ class DistillConfig(Section):
     acts, afterwards mostly the student (DAgger)."""
     block_steps: Annotated[int, Field(gt=0)] | None = None
     """Steps of each game per block; null: the game's step limit, at most 512. Each block begins new games."""
-    num_envs: Annotated[int, Field(gt=0)] = 128
+    num_envs: Annotated[int, Field(gt=0, le=2**20)] = 128
     """Games stepped together."""
     passes_per_block: Annotated[int, Field(gt=0)] = 4
     """Passes over each new block, each after one over an earlier block drawn at random."""

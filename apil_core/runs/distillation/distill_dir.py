@@ -43,9 +43,9 @@ class DistillDir(RunDir):
             RunDirError: it exists and is not empty, or cannot be written.
         """
         made = cls(path)
-        made.make(RESUME)
-        made.write_json(made.config_path, config.model_dump(mode="json"))
-        made.note_environment(command)
+        with made.make(RESUME):
+            made.write_json(made.config_path, config.model_dump(mode="json"))
+            made.note_environment(command)
         return made
 
     def settings(self) -> DistillConfig:

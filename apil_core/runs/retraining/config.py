@@ -63,7 +63,7 @@ class RetrainConfig(Section):
     """Divide by the running standard deviation of the discounted return and clip to ±10."""
     steps: Annotated[int, Field(gt=0)] = 10_000_000
     """Environment steps of training, rounded up to whole rollouts."""
-    num_envs: Annotated[int, Field(gt=0)] = 128
+    num_envs: Annotated[int, Field(gt=0, le=2**20)] = 128
     """Games stepped together."""
     threads: Annotated[int, Field(ge=0)] = 0
     """Physics threads; 0: all CPUs. Never changes results."""

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from apil_core.common.errors import RunDirError, VictimError
-from apil_core.common.files import is_taken, write_atomically
+from apil_core.common.files import write_atomically
 from apil_core.config.absent import read_stored
 from apil_core.config.kind import is_retraining
 from apil_core.config.layers import file_layer
@@ -48,17 +48,9 @@ class RetrainDir:
             RunDirError: it exists and is not empty, or cannot be written.
         """
         made = cls(out or _default_path(config))
-        try:
-            if is_taken(made.path):
-                raise RunDirError(
-                    f"{made.path} exists and is not empty; choose another --out, "
-                    f"or continue it with: apil resume {made.path}"
-                )
-            made.files.checkpoint_dir.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RunDirError(f"cannot create {made.path}: {error.strerror}") from error
-        made.write_config(config)
-        made.files.note_environment(command)
+        with made.files.make("apil resume"):
+            made.write_config(config)
+            made.files.note_environment(command)
         return made
 
     def write_config(self, config: RetrainConfig) -> None:

@@ -113,23 +113,26 @@ class RetrainCourse:
         metrics["memory_mb"] = resident_mb()
         every = self.config.evaluation.every_steps
         if every and steps // every < trainer.steps // every:
-            with suppress(Stopped):
-                metrics |= self._periodic()
+            metrics |= self._periodic()
         self.log.record(metrics, trainer.steps - steps)
         self.progress.iteration(metrics)
         if trainer.iteration % self.config.checkpoint.every_iterations == 0:
             self.save()
 
     def _periodic(self) -> dict[str, float]:
-        """Scores of the present victim, as counts."""
+        """Scores of the present victim, as counts.
+
+        Not broken off by Ctrl-C: a retraining that is gone on with would have missed it.
+        """
         self._write_victim()
-        found = self._scores(name_of(self.directory.path), self.config.evaluation.periodic_episodes)
+        games = self.config.evaluation.periodic_episodes
+        found = self._scores(name_of(self.directory.path), games, self.progress)
         return _counts(found, "evaluation")
 
-    def _scores(self, victim: str, episodes: int) -> Scores:
+    def _scores(self, victim: str, episodes: int, progress: Progress | None = None) -> Scores:
         if not episodes:
             return {}
-        found = score_each(self.config, victim, episodes, self._wish.progress, self.plugins)
+        found = score_each(self.config, victim, episodes, progress or self._wish.progress, self.plugins)
         for label, score in found.items():
             self.progress.note(f"{label} against the victim:")
             self.progress.evaluation(score, self.trainer.steps)

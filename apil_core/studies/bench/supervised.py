@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -51,6 +52,8 @@ class SupervisedJob:
                 FLAG,
             ],  # the matrix was checked before the first job
             cwd=folder,
+            # one run of a tracker for all cells would be none for any
+            env={key: value for key, value in os.environ.items() if key != "WANDB_RUN_ID"},
             # its other end closes when we end, even if we are killed: see cli/bench_work.py
             stdin=subprocess.PIPE,
             stdout=self._log,

@@ -16,7 +16,7 @@ from typing import Any
 
 from apil_core.api.config import RunConfig
 from apil_core.common.errors import RunDirError
-from apil_core.common.files import is_taken, locked, write_atomically
+from apil_core.common.files import LOCK, is_taken, locked, write_atomically
 from apil_core.common.trust import remember
 from apil_core.config.kind import is_retraining
 from apil_core.plugins.discovery import PluginRegistry
@@ -56,24 +56,34 @@ class RunDir:
             RunDirError: it exists and is not empty, or cannot be written.
         """
         run_dir = cls(out or _default_path(config))
-        run_dir.make("apil resume")
-        run_dir.write_config(config, plugins)
-        run_dir.note_environment(command)
+        with run_dir.make("apil resume"):
+            run_dir.write_config(config, plugins)
+            run_dir.note_environment(command)
         return run_dir
 
-    def make(self, resume: str) -> None:
-        """Make it on disk, with nothing in it; ``resume`` is the command that goes on where it is there.
+    @contextmanager
+    def make(self, resume: str) -> Iterator[None]:
+        """Make it on disk, and hold its lock while its first files are written: two may want it at once.
+
+        Args:
+            resume: command that goes on where it is there.
 
         Raises:
-            RunDirError: it exists and is not empty, or cannot be written.
+            RunDirError: it exists and is not empty, another process is making it, or it cannot be written.
         """
+        taken = (
+            f"{self.path} exists and is not empty; choose another --out, "
+            f"or continue it with: {resume} {self.path}"
+        )
         try:
             if is_taken(self.path):
-                raise RunDirError(
-                    f"{self.path} exists and is not empty; choose another --out, "
-                    f"or continue it with: {resume} {self.path}"
-                )
-            self.checkpoint_dir.mkdir(parents=True, exist_ok=True)
+                raise RunDirError(taken)
+            self.path.mkdir(parents=True, exist_ok=True)
+            with locked(self.path / LOCK, taken):
+                if is_taken(self.path):
+                    raise RunDirError(taken)
+                self.checkpoint_dir.mkdir()
+                yield
         except OSError as error:
             raise RunDirError(f"cannot create run directory {self.path}: {error.strerror}") from error
 
@@ -184,7 +194,7 @@ class RunDir:
         Raises:
             RunDirError: another process is training here.
         """
-        with locked(self.path / ".lock", f"another process is training in {self.path}"):
+        with locked(self.path / LOCK, f"another process is training in {self.path}"):
             yield
 
     def prune(self, keep: int) -> None:

@@ -18,7 +18,7 @@ class ImitatorConfig(Section):
     """What D pays ã_t for: its step, or all that follows too; null: step where rollouts are shared."""
     update: Literal["trpo", "ppo"] = "ppo"
     """PPO (the paper's brief algorithm, and the published code) or TRPO (its detailed one)."""
-    hidden: tuple[int, ...] = (64, 64)
+    hidden: Annotated[tuple[Annotated[int, Field(gt=0)], ...], Field(min_length=1)] = (64, 64)
     """Hidden tanh layers of policy and critic."""
     init_std: Annotated[float, Field(gt=0)] = 1.0
     """Standard deviation of the untrained imitator."""
@@ -63,7 +63,7 @@ class ImitatorConfig(Section):
 class DiscriminatorConfig(Section):
     """The discriminator D(s, a): probability that the victim did a in s."""
 
-    hidden: tuple[int, ...] = (128, 128)
+    hidden: Annotated[tuple[Annotated[int, Field(gt=0)], ...], Field(min_length=1)] = (128, 128)
     """Hidden tanh layers."""
     learning_rate: Annotated[float, Field(gt=0)] = 1e-3
     """Adam's step size; slower ones were seen to let D saturate behind its tanh and never recover."""
