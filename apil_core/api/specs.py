@@ -181,6 +181,7 @@ class PolicySpec:
         plugins: the loader also gets ``plugins=`` (a registry) and ``device=`` and puts the policy there;
             for policies that are made of methods.
         runs_code: loading runs code of the user's: refused unless trusted.
+        file: the part after the colon names a file or directory.
     """
 
     scheme: str
@@ -190,6 +191,7 @@ class PolicySpec:
     seat: bool = False
     plugins: bool = False
     runs_code: bool = False
+    file: bool = False
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from cyclopts import Group, Parameter
 
 from apil_core.cli.finish import exit_code, finish
 from apil_core.cli.flags import ConfigFlags, Json, Quiet, Show
-from apil_core.cli.output import print_json
+from apil_core.cli.output import console, print_json
 from apil_core.cli.progress import make_progress
 from apil_core.common.errors import RunDirError
 from apil_core.common.extras import need
@@ -21,6 +21,7 @@ from apil_core.training.distributed.world import World
 
 if TYPE_CHECKING:
     from apil_core.api.config import RunConfig
+    from apil_core.plugins.discovery import PluginRegistry
 
 _OUTPUT = Group("How often, where to", sort_key=2)
 
@@ -50,6 +51,14 @@ def run(
             help="Run directory [default: runs/ENV/METHOD/TIME-sSEED]; with --seeds, one below it each.",
         ),
     ] = None,
+    dry_run: Annotated[
+        bool,
+        Parameter(
+            group=_OUTPUT,
+            show_default=False,
+            help="Build and try it all, say what it costs, write nothing.",
+        ),
+    ] = False,
     show: Show = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -67,6 +76,8 @@ def run(
         for _, directory in jobs:
             _refuse_existing(directory)
 
+    if dry_run:
+        return _say_budget(config, plugins, jobs[0][1] or Path("runs"), len(jobs), as_json=as_json)
     from apil_core.runs import runner
     from apil_core.training.distributed.join import joined
 
@@ -86,6 +97,30 @@ def run(
     if as_json and here.is_main:
         print_json(documents if seeds else documents[0])
     return exit_code(result, here)
+
+
+def _say_budget(config: RunConfig, plugins: PluginRegistry, place: Path, seeds: int, *, as_json: bool) -> int:
+    from apil_core.runs import dry_run
+
+    found = dry_run.dry_run(config, plugins, place)
+    if as_json:
+        print_json(found)
+        return 0
+    hours = seeds * (found.training_hours + found.scoring_hours)
+    lines = [
+        f"{found.method} on {found.env}, device {found.device}: everything fits, nothing was written",
+        f"victim     {found.victim} (sha256 {found.victim_sha256[:12]}), the {found.victim_side}",
+        f"adversary  the {found.adversary_side}, {found.parameters:,} parameters, critics included",
+        f"training   {found.steps:,} steps in {found.iterations:,} iterations: {found.training_hours:.2g} h "
+        f"at {found.steps_per_second:,.0f} steps/s, measured now",
+        f"scoring    {found.games:,} games, {found.evaluations} times on the way and at the end: "
+        f"about {found.scoring_hours:.2g} h",
+        f"disk       about {found.disk_mb:,.0f} MB ({found.disk_free_mb:,.0f} MB free)",
+        f"in all     about {hours:.2g} h" + (f" for {seeds} seeds" if seeds > 1 else ""),
+    ]
+    for line in lines:
+        console().print(line, markup=False)
+    return 0
 
 
 def _jobs(

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from apil_core.api.specs import GameSpec, PolicyListing, load
+from apil_core.common.errors import ApilError, UnknownNameError
 from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import load_policy
+
+BASELINES = ("random", "zero")
+"""Names without a scheme: the baseline of that kind in the seat's sizes."""
 
 
 def default_victim(spec: GameSpec, plugins: PluginRegistry) -> str:
@@ -25,6 +32,25 @@ def is_here(name: str, plugins: PluginRegistry) -> bool:
         return True
     rows = {row.name: row.available for row in load(spec.lister)()}
     return rows.get(name, True)
+
+
+def why_absent(name: str, plugins: PluginRegistry) -> str:
+    """Why there is no such policy, or ``""``; no code of the user's is run, and no weights are checked."""
+    scheme, colon, rest = name.partition(":")
+    if not colon:
+        known = name in (*BASELINES, "auto") or Path(name).is_dir()
+        return "" if known else f"{name} is neither a directory nor a policy's name like zoo:GAME/ROLE/v1"
+    spec = plugins.policies.get(scheme)
+    if spec is None:
+        return str(UnknownNameError("policy", name, [f"{known}:…" for known in plugins.policies]))
+    if spec.file and not Path(rest).expanduser().exists():
+        return f"{name}: {rest}: no such file"
+    if spec.lister and name not in {row.name for row in load(spec.lister)() if row.available}:
+        try:
+            load_policy(name, plugins=plugins)  # says what is wrong, and how to get it
+        except ApilError as error:
+            return str(error)
+    return ""
 
 
 def default_baseline(spec: GameSpec, plugins: PluginRegistry) -> str:

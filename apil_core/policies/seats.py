@@ -11,6 +11,7 @@ from apil_core.api.policy import Policy
 from apil_core.common.errors import ConfigError, VictimError
 from apil_core.common.seeds import stream_seed
 from apil_core.config.kind import is_retraining
+from apil_core.plugins.default_victim import BASELINES as BASELINES
 from apil_core.plugins.default_victim import default_victim
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import game_spec, load_policy
@@ -31,10 +32,6 @@ def victim_side(config: RunConfig, plugins: PluginRegistry) -> int:
     """Index of the attacked side."""
     spec = game_spec(config.env, plugins)
     return spec.victim_side if config.victim_side is None else config.victim_side
-
-
-BASELINES = ("random", "zero")
-"""Names without a scheme: the baseline of that kind in the seat's sizes."""
 
 
 def full_name(name: str, seat: SideLayout) -> str:

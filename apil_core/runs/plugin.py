@@ -35,5 +35,6 @@ def register_policies() -> list[PolicySpec]:
             scheme="retrained",
             loader="apil_core.runs.retraining.folder:load",
             summary="victim hardened by `apil retrain`: retrained:DIR",
+            file=True,
         ),
     ]

@@ -11,6 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from apil_core.api.config import RunConfig
+from apil_core.api.policy import Policy
 from apil_core.api.specs import load
 from apil_core.common.errors import ConfigError, RunDirError, UnknownNameError
 from apil_core.common.torch_threads import one_torch_thread
@@ -64,16 +65,26 @@ def run(
     # settings copied from another run bring the hash of that one's victim along
     config = complete(config, registry).model_copy(update={"victim_sha256": ""})
     with joined(config.device) as world:
-        trainer = _trainer(config, registry, world)
-        start = config.init_from
-        teacher = load_teacher(trainer, start) if start and POLICY_NAME.match(start) else None
-        if start and teacher is None:
-            _initialise(trainer, Path(start))
+        trainer, teacher = prepared(config, registry, world)
         trainer.start_equal()
         made = RunDir.create(trainer.config, out, command, registry).path if world.is_main else None
         run_dir = RunDir(world.share(made) or "")
         with _held(run_dir, world):
             return Session(trainer, run_dir, progress or Progress(), registry).go(teacher)
+
+
+def prepared(config: RunConfig, plugins: PluginRegistry, world: World) -> tuple[Trainer, Policy | None]:
+    """The parts of a new run, and the policy that its adversary is to be cloned from, if there is one.
+
+    Raises:
+        ApilError: they do not fit.
+    """
+    trainer, start = _trainer(config, plugins, world), config.init_from
+    if start and POLICY_NAME.match(start):
+        return trainer, load_teacher(trainer, start)
+    if start:
+        _initialise(trainer, Path(start))
+    return trainer, None
 
 
 @one_torch_thread()

@@ -23,7 +23,7 @@ def test_show_prints_a_file_that_gives_the_same_config(apil: Apil, tmp_path: Pat
     )
     shown = apil("config", "show", *flags)
     (tmp_path / "mine.yaml").write_text(shown.out)
-    again = apil("config", "show", "--config", "mine.yaml", "--json")
+    again = apil("config", "show", "--config", "mine.yaml", "--json", "--trust")
     assert (shown.code, again.code) == (0, 0)
     assert json.loads(again.out) == json.loads(apil("config", "show", *flags, "--json").out)
     config = json.loads(again.out)
@@ -32,9 +32,39 @@ def test_show_prints_a_file_that_gives_the_same_config(apil: Apil, tmp_path: Pat
 
 def test_validate_accepts_what_show_printed(apil: Apil, tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text(apil("config", "show", "--env", "coin", "--plugin", COIN).out)
-    done = apil("config", "validate", "mine.yaml")
+    done = apil("config", "validate", "mine.yaml", "--trust")
     assert (done.code, done.out) == (0, "mine.yaml: valid (e_apil on coin, 35,000,000 steps)\n")
-    assert json.loads(apil("config", "validate", "mine.yaml", "--json").out)["valid"] is True
+    assert json.loads(apil("config", "validate", "mine.yaml", "--json", "--trust").out)["valid"] is True
+
+
+def test_validate_looks_for_what_a_file_names(apil: Apil, tmp_path: Path) -> None:
+    """Every key is checked, though a plugin may not be loaded, and none of the code it names is run."""
+    Path("agents.py").write_text("open('ran', 'w')")
+    wrong = {"victim": "sb3:nofile.zip", "init_from": "nowhere", "steps": 1000, "env": "toy-pursuit"}
+    Path("wrong.yaml").write_text(json.dumps({**wrong, "plugins": ["agents.py"]}))
+    told = json.loads(apil("config", "validate", "wrong.yaml", "--json").out)
+    assert not told["valid"]
+    first, *others = told["errors"]
+    assert first.startswith(f"{tmp_path}/agents.py runs code when it is loaded, and wrong.yaml names it")
+    assert others == [
+        "wrong.yaml: victim: sb3:nofile.zip: nofile.zip: no such file",
+        f"wrong.yaml: init_from: {tmp_path}/nowhere is neither a directory nor a policy's name like "
+        "zoo:GAME/ROLE/v1",
+    ]
+    for victim, reason in (
+        ("zooo:x", "unknown policy 'zooo:x'"),
+        ("zoo:kick-and-defend/kicker/v9", "unknown victim 'zoo:kick-and-defend/kicker/v9'"),
+        ("embedded:kick-and-defend/kicker/v9", "unknown"),
+        ("run:nowhere", "run:nowhere: nowhere: no such file"),
+    ):
+        Path("wrong.yaml").write_text(json.dumps({"victim": victim}))
+        done = apil("config", "validate", "wrong.yaml")
+        assert (done.code, done.err.count("\n")) == (2, 1), done
+        assert reason in done.err
+    for victim in ("python:agents:kick", "random", "auto", "embedded:kick-and-defend/kicker/v1"):
+        Path("fine.yaml").write_text(json.dumps({"victim": victim}))
+        assert apil("config", "validate", "fine.yaml").code == 0
+    assert not Path("ran").exists()
 
 
 def test_diff_completes_a_preset_with_the_other_sides_method_and_game(apil: Apil, tmp_path: Path) -> None:
@@ -55,7 +85,7 @@ def test_schema_is_json_with_the_methods_options(apil: Apil) -> None:
 def test_flags_add_plugins_to_those_a_file_names(apil: Apil, tmp_path: Path) -> None:
     (tmp_path / "other_plugin.py").write_text('"""Nothing to offer."""\n')
     (tmp_path / "mine.yaml").write_text("plugins: [other_plugin.py]\nenv: coin\n")
-    shown = apil("config", "show", "--config", "mine.yaml", "--plugin", COIN, "--json")
+    shown = apil("config", "show", "--config", "mine.yaml", "--plugin", COIN, "--json", "--trust")
     assert json.loads(shown.out)["plugins"] == [str(tmp_path / "other_plugin.py"), str(COIN)]
 
 

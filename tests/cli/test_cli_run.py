@@ -133,3 +133,25 @@ def test_ctrl_c_writes_a_checkpoint_and_says_how_to_go_on(tmp_path: Path) -> Non
 def test_steps_may_be_written_short(apil: Apil, text: str, number: int) -> None:
     done = apil("config", "show", *TINY[:4], "--steps", text, "--json")
     assert json.loads(done.out)["steps"] == number
+
+
+def test_a_dry_run_builds_everything_and_says_what_it_costs(apil: Apil, tmp_path: Path) -> None:
+    settings = ("--set", "evaluation.every_steps=1000", "--set", "evaluation.periodic_episodes=7")
+    words = ("run", *TINY[:-4], "--steps", "10000", *SMALL, *settings, "--method", "adrl", "--dry-run")
+    done = apil(*words, "--json", "--out", "r")
+    assert done.code == 0, done.err
+    told = json.loads(done.out)
+    assert (told["method"], told["env"], told["adversary_side"]) == ("adrl", "coin", "right")
+    assert told["iterations"] == 79  # 10 000 / (8 · 16), rounded up
+    assert (told["evaluations"], told["games"]) == (10, 20 + 10 * 7)
+    assert told["training_hours"] == pytest.approx(10_000 / told["steps_per_second"] / 3600)
+    # actor and critic 2-64-64-1 each, a log standard deviation
+    assert told["parameters"] == 2 * ((2 + 1) * 64 + 65 * 64 + 65) + 1
+    assert 0 < told["disk_mb"] < told["disk_free_mb"]
+    shown = apil(*words, "--seeds", "0..2")
+    assert "in all" in shown.out
+    assert "for 3 seeds" in shown.out
+    assert list(tmp_path.iterdir()) == []
+    wrong = apil(*words, "--victim", "sb3:none.zip")
+    assert (wrong.code, wrong.out) == (2, "")
+    assert "none.zip: no such file" in wrong.err

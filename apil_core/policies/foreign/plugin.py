@@ -19,23 +19,27 @@ def register_policies() -> list[PolicySpec]:
             f"{_HERE}.torchscript:load",
             summary="network saved with torch.jit: torchscript:FILE",
             seat=True,
+            file=True,
         ),
         PolicySpec(
             "torch-export",
             f"{_HERE}.torch_export:load",
             summary="network saved with torch.export: torch-export:FILE.pt2",
             seat=True,
+            file=True,
         ),
         PolicySpec(
             "onnx",
             f"{_HERE}.onnx:load",
             summary="network in ONNX, with the extra onnx: onnx:FILE",
             seat=True,
+            file=True,
         ),
         PolicySpec(
             "sb3",
             f"{_HERE}.sb3:load",
-            summary="agent of Stable-Baselines3 (PPO, A2C, SAC, TD3, DDPG): sb3:FILE.zip",
+            summary="agent of Stable-Baselines3 or sb3-contrib: sb3:FILE.zip",
+            file=True,
         ),
         PolicySpec(
             "python",

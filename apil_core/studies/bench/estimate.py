@@ -14,9 +14,6 @@ from apil_core.studies.bench.folder import BenchDir
 from apil_core.studies.bench.jobs import Job, Ledger
 from apil_core.studies.bench.matrix import ScoreConfig
 
-_STEPS = 32
-"""Steps per game of an iteration measured: long enough for its parts, short enough to wait for."""
-
 _GAMES = 64
 """Games played for the time that one takes."""
 
@@ -74,6 +71,8 @@ def estimate(
         jobs: of the benchmark, retrainings among them.
         note: told what is being measured.
     """
+    from apil_core.runs.dry_run import steps_per_second
+
     rates: dict[str, Rate] = {}
     known: dict[Any, float] = {}
     for cell in benchmark.cells:
@@ -82,7 +81,8 @@ def estimate(
             kind = _kind(cell.config)
             if kind not in known:
                 note(f"measuring {cell.method} in {cell.game}")
-                known[kind] = _measure(cell.config, benchmark, threads)
+                short = cell.config.model_copy(update={"threads": threads, "init_from": None})
+                known[kind] = steps_per_second(short, benchmark.plugins)
             rates[cell.name] = Rate(known[kind], "measured now")
         else:
             rates[cell.name] = Rate(own, "its run")
@@ -110,25 +110,6 @@ def _left(ledger: Ledger, cell: Cell) -> int:
     if ledger.trained(cell):
         return 0
     return max(cell.steps - int(ledger.bench.cell(cell.name).last_metrics().get("steps", 0)), 0)
-
-
-def _measure(config: RunConfig, benchmark: Benchmark, threads: int) -> float:
-    """Steps per second of the second iteration of a shortened run; the first one warms up."""
-    from apil_core.common.torch_threads import one_torch_thread
-    from apil_core.training.build import build
-    from apil_core.training.trainer import Trainer
-
-    steps = min(_STEPS, config.ppo.num_steps)
-    ppo = config.ppo.model_copy(update={"num_steps": steps})
-    short = config.model_copy(update={"ppo": ppo, "threads": threads, "init_from": None})
-    trainer = Trainer(build(short, benchmark.plugins), benchmark.plugins)
-    try:
-        with one_torch_thread():
-            trainer.iterate()
-            return trainer.iterate()["steps_per_second"]
-    finally:
-        trainer.attack.game.close()
-        trainer.side_games.close()
 
 
 def _scoring(

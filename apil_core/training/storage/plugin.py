@@ -35,6 +35,7 @@ def register_policies() -> list[PolicySpec]:
             summary="what a run trained: run:DIR, its newest checkpoint",
             seat=True,
             plugins=True,
+            file=True,
         ),
         PolicySpec(
             "safetensors",
@@ -42,5 +43,6 @@ def register_policies() -> list[PolicySpec]:
             summary="adversary from `apil export`, or student from `apil distill`: safetensors:FILE",
             seat=True,
             plugins=True,
+            file=True,
         ),
     ]
