@@ -12,6 +12,7 @@ from torch import Tensor
 from apil_core.api.game import Game
 from apil_core.api.policy import Policy
 from apil_core.api.types import View
+from apil_core.games.two_players import TwoPlayerGames
 from apil_core.training.observation_filter import ObservationFilter
 
 
@@ -48,24 +49,20 @@ class Players:
     observation_filter: ObservationFilter | None = None
     blinding: dict[int, Blinding] = field(default_factory=dict)
 
-    def act(self, game: Game, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Actions of side 0 and 1 for the game's present observations, each (n, a), not clipped.
+    def start(self, game: Game) -> TwoPlayerGames:
+        """Begin all games of a batch, which the caller has seeded."""
+        games = TwoPlayerGames(game, self.device, self.observation_filter)
+        games.reset()
+        return games
+
+    def act(self, games: TwoPlayerGames) -> dict[int, Tensor]:
+        """Actions by side for the present observations, each (n, a), not clipped.
 
         The victim acts first, so that an oracle adversary may see its action.
-
-        Args:
-            game: looked at, not stepped.
-            first: (n,) bool, a new game starts with this observation.
         """
-        seen = [torch.from_numpy(observation).to(self.device) for observation in game.observations]
-        if self.observation_filter is not None:
-            seen = [self.observation_filter(side, observation) for side, observation in enumerate(seen)]
-        starts = torch.from_numpy(first).to(self.device)
         adversary, victim = self.adversary_side, 1 - self.adversary_side
-        answer = self._choose(victim, View(seen[victim], seen[adversary], starts))
-        attack = self._choose(adversary, View(seen[adversary], seen[victim], starts, answer))
-        chosen = {victim: answer.cpu().numpy(), adversary: attack.cpu().numpy()}
-        return chosen[0], chosen[1]
+        answer = self._choose(victim, games.view(victim))
+        return {victim: answer, adversary: self._choose(adversary, games.view(adversary, answer))}
 
     def _choose(self, side: int, view: View) -> Tensor:
         seat = self.seats[side]
@@ -108,11 +105,10 @@ def play(
     slots = np.arange(game.num_envs)
     active = slots < episodes
     started = int(active.sum())
-    game.reset()
-    first = np.ones(game.num_envs, bool)
+    games = players.start(game)
     while active.any():
-        step = game.step(players.act(game, first), None if active.all() else active)
-        first = done = np.logical_and(step.done, active)
+        step = games.step(players.act(games), None if active.all() else active)
+        done = np.logical_and(step.done, active)
         if not done.any():
             continue
         tally.winners += step.winner[done].tolist()
@@ -121,8 +117,7 @@ def play(
         again = done & (np.cumsum(done) <= episodes - started)
         started += int(again.sum())
         active &= ~done | again
-        if again.any():
-            game.reset(again)
+        games.reset(again)
         if on_progress is not None:
             on_progress(len(tally.winners))
     return tally

@@ -198,6 +198,8 @@ class OpponentInsideEnv(gymnasium.Env[Array, Any]):
     ):
         import torch
 
+        from apil_core.games.two_players import TwoPlayerGames
+
         _check_render_mode(render_mode)
         self.render_mode = render_mode
 
@@ -218,7 +220,7 @@ class OpponentInsideEnv(gymnasium.Env[Array, Any]):
         own = self._game.layout.sides[self._side]
         self.observation_space = _observation_space(own)
         self.action_space = _action_space(own)
-        self._first = True
+        self._games = TwoPlayerGames(self._game)
         self._seeded = False
 
     def _load(self, opponent: Policy | str | None) -> Policy:
@@ -243,16 +245,16 @@ class OpponentInsideEnv(gymnasium.Env[Array, Any]):
             self._generator.manual_seed(start)
             self._opponent.seed(start)
             self._seeded = True
-        self._game.reset()
-        self._first = True
+        self._games.reset()
         return self._observation(), {}
 
     def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """One control step of both sides."""
-        actions = [_row(action, self.action_space), self._opponent_action()]
-        if self._side == 1:
-            actions.reverse()
-        step = self._game.step((actions[0], actions[1]))
+        with self._torch.no_grad():
+            view = self._games.view(1 - self._side)
+            decision = self._opponent.act(view, sample=self._sample, generator=self._generator)
+        own = self._torch.tensor(_row(action, self.action_space))
+        step = self._games.step({self._side: own, 1 - self._side: decision.action})
         reward = float(step.sparse[self._side, 0] + step.dense[self._side, 0])
         info = _info(self._game, step, self._side)
         return self._observation(), reward, bool(step.done[0]), False, info
@@ -264,17 +266,6 @@ class OpponentInsideEnv(gymnasium.Env[Array, Any]):
     def close(self) -> None:
         """Release what the game holds."""
         self._game.close()
-
-    def _opponent_action(self) -> Array:
-        from apil_core.api.types import View
-
-        torch = self._torch
-        mine, theirs = (self._game.observations[s].copy() for s in (self._side, 1 - self._side))
-        view = View(torch.from_numpy(theirs), torch.from_numpy(mine), torch.tensor([self._first]))
-        self._first = False
-        with torch.no_grad():
-            decision = self._opponent.act(view, sample=self._sample, generator=self._generator)
-        return decision.action.numpy()
 
     def _observation(self) -> Array:
         return self._game.observations[self._side][0].copy()

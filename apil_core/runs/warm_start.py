@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from apil_core.api.policy import Policy
-from apil_core.api.types import OWN_GROUP, View
+from apil_core.api.types import OWN_GROUP
 from apil_core.common.errors import ConfigError
 from apil_core.common.seeds import stream_generator, stream_seed
 from apil_core.evaluation.progress import Progress
@@ -154,12 +154,11 @@ class _Cloning:
         observations, labels = [], []
         for _ in range(self.trainer.config.ppo.num_steps):
             inputs, pending = env.get_observations(), env.pending
-            view = View(pending.own, pending.opponent, pending.first, opponent_action=pending.victim.action)
-            answer = self.teacher.act(view, sample=False).distribution
+            answer = self.teacher.act(pending.view, sample=False).distribution
             assert answer is not None, "looked at before"
             mean = torch.where(clones, self.actor(inputs).mean, answer.mean)
             noise = torch.randn(mean.shape, generator=self.draws, device=env.device)
-            observations.append(pending.own.clone())
+            observations.append(pending.view.own.clone())
             labels.append(answer.mean / self.std)
             env.step(mean + self.std * noise)
         env.finish_rollout()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -57,14 +56,11 @@ def first_actions(pairing: Pairing) -> Tensor:
     pairing.adversary.seed(0)
     players, game = pairing.players(seed=0), pairing.game
     game.seed(0)
-    game.reset()
-    first, chosen = np.ones(EPISODES, bool), []
+    games, chosen = players.start(game), []
     for _ in range(STEPS):
-        actions = players.act(game, first)
-        chosen.append(torch.from_numpy(actions[pairing.side].copy()))
-        first = game.step(actions).done.copy()
-        if first.any():
-            game.reset(first)
+        actions = players.act(games)
+        chosen.append(actions[pairing.side].clone())
+        games.reset(games.step(actions).done)
     return torch.stack(chosen)
 
 

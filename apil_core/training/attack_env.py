@@ -6,8 +6,9 @@ observations are made (they may read a^ν_t: the oracle), then :meth:`AttackEnv.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import torch
@@ -16,7 +17,6 @@ from torch import Tensor
 
 from apil_core.api.config import RunConfig
 from apil_core.api.game import Game, GameStep
-from apil_core.api.method import Run
 from apil_core.api.policy import Policy
 from apil_core.api.specs import RewardWeights
 from apil_core.api.types import (
@@ -30,6 +30,7 @@ from apil_core.api.types import (
 )
 from apil_core.common.errors import PluginError
 from apil_core.common.tensors import all_finite
+from apil_core.games.two_players import TwoPlayerGames
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.training.adversary import ObservationBuilder
 from apil_core.training.episode_stats import EpisodeStats
@@ -44,11 +45,16 @@ _OWN_TERMS = {"adversary", "victim", "uneven_share"}
 
 @dataclass
 class Pending:
-    """What is known of the current observation before the adversary acts."""
+    """What is known of the current observation before the adversary acts.
 
-    own: Tensor
-    opponent: Tensor
-    first: Tensor
+    Attributes:
+        view: the adversary's, with the action the victim has chosen.
+        victim: that action and what it was drawn from.
+        groups: raw observation groups of the adversary, each (n, k).
+        observations: the same normalised, and the critics' own.
+    """
+
+    view: View
     victim: Decision
     groups: dict[str, Tensor]
     observations: TensorDict
@@ -91,7 +97,6 @@ class AttackEnv:
         self.side = adversary_side
         self.generators = generators
         self.learning = learning
-        self.run: Run | None = None
         self.device = torch.device(config.device)
         self.num_envs = game.num_envs
         self.num_actions = game.layout.sides[adversary_side].action_size
@@ -99,6 +104,10 @@ class AttackEnv:
         self.episode_length_buf = torch.zeros(self.num_envs, dtype=torch.long, device=self.device)
         self.cfg: dict[str, Any] = config.model_dump(mode="json")
         self.steps = 0
+        self.played: Callable[[], int] = lambda: self.steps
+        """Steps of the whole run, by which the dense reward is annealed; set by its trainer."""
+        self.shape_reward: Callable[..., list[Any]] = partial(hooks.hook.shape_reward, run=None)
+        """The hook, called with ``step``; the trainer sets it to one that knows the run."""
         self.stats = EpisodeStats(self.num_envs, game.layout.causes, self.device)
         self.buffer = RolloutBuffer(config.ppo.num_steps)
         gamma = config.ppo.gamma
@@ -115,7 +124,8 @@ class AttackEnv:
             "adversary": self._context("adversary", adversary_side, generators["method"]),
             "victim": self._context("victim", 1 - adversary_side, generators["victim"]),
         }
-        self._filter = ObservationFilter(hooks, {c.side: c for c in self.contexts.values()})
+        seen = ObservationFilter(hooks, {c.side: c for c in self.contexts.values()})
+        self._games = TwoPlayerGames(game, self.device, seen)
         self._shapes = learning and hooks.fills("shape_reward")
         self._pending: Pending | None = None
 
@@ -127,8 +137,8 @@ class AttackEnv:
     def pending(self) -> Pending:
         """The current observation; games start with the first call."""
         if self._pending is None:
-            self.game.reset()
-            self._observe(torch.ones(self.num_envs, dtype=torch.bool, device=self.device))
+            self._games.reset()
+            self._observe()
         assert self._pending is not None
         return self._pending
 
@@ -148,32 +158,31 @@ class AttackEnv:
             and an empty dict: time-outs are outcomes here and never bootstrapped.
         """
         pending = self.pending
-        seats = [actions.cpu().numpy(), pending.victim.action.cpu().numpy()]
-        result = self.game.step((seats[self.side], seats[1 - self.side]))
+        result = self._games.step({self.side: actions, 1 - self.side: pending.victim.action})
         step = self._step_batch(pending, actions, result)
         shaped = self._shape(step)
         self.buffer.add(step, shaped, pending.groups)
         self.steps += self.num_envs
-        if result.done.any():
-            self.game.reset(result.done)
+        self._games.reset(result.done)
         self.episode_length_buf = torch.where(step.done, 0, self.episode_length_buf + 1)
-        self._observe(step.done.clone())
+        self._observe()
         return self.pending.observations, shaped, step.done, {}
 
     def finish_rollout(self) -> Rollout:
         """All steps since the last call."""
         pending = self.pending
-        return self.buffer.finish(pending.own, pending.opponent, pending.groups)
+        return self.buffer.finish(pending.view.own, pending.view.opponent, pending.groups)
 
     @torch.inference_mode()
-    def _observe(self, first: Tensor) -> None:
-        own, opponent = self._side(self.side), self._side(1 - self.side)
+    def _observe(self) -> None:
+        games = self._games
+        own, opponent = games.observation(self.side), games.observation(1 - self.side)
         victim = self.victim.act(
-            View(own=opponent, opponent=own, first=first),
+            games.view(1 - self.side),
             sample=self.config.victim_actions == "sample",
             generator=self.generators["victim"],
         )
-        view = View(own=own, opponent=opponent, first=first, opponent_action=victim.action)
+        view = View(own, opponent, games.first, victim.action)
         groups = self.builder.groups(self.contexts["adversary"], view)
         observations = self.builder.normalize(groups, update=self.learning)
         if self.privileged is not None:
@@ -181,15 +190,11 @@ class AttackEnv:
             left = 1 - 2 * self.episode_length_buf / self.max_episode_length
             seen = torch.cat((self.privileged(opponent), left.unsqueeze(-1)), dim=-1)
             observations[PRIVILEGED_GROUP] = seen
-        self._pending = Pending(own, opponent, first, victim, groups, observations)
-
-    def _side(self, side: int) -> Tensor:
-        return self._filter(side, torch.from_numpy(self.game.observations[side]).to(self.device))
+        self._pending = Pending(view, victim, groups, observations)
 
     def _step_batch(self, pending: Pending, actions: Tensor, result: GameStep) -> StepBatch:
         seats = [self.side, 1 - self.side]
-        played = self.steps if self.run is None else self.run.steps
-        c = dense_share(self.config, self.weights, played)
+        c = dense_share(self.config, self.weights, self.played())
         reward, victim_reward = self._tensor(training_reward(result, self.weights, c)[seats]).float()
         done = self._tensor(result.done)
         winner = self._tensor(result.winner)
@@ -199,8 +204,8 @@ class AttackEnv:
             normalizer = self.normalizers[name]
             normalized[name] = normalizer.update(value, done) if self.learning else normalizer(value)
         return StepBatch(
-            observation=pending.own,
-            victim_observation=pending.opponent,
+            observation=pending.view.own,
+            victim_observation=pending.view.opponent,
             action=actions,
             victim_action=pending.victim.action,
             victim_distribution=pending.victim.distribution,
@@ -210,7 +215,7 @@ class AttackEnv:
             normalized_victim_reward=normalized["victim"],
             sparse=self._tensor(result.sparse[seats]),
             dense=self._tensor(result.dense[seats]),
-            first=pending.first,
+            first=pending.view.first,
             done=done,
             outcome=outcome,
             cause=self._tensor(result.cause),
@@ -219,8 +224,7 @@ class AttackEnv:
     def _shape(self, step: StepBatch) -> Tensor:
         terms: dict[str, Tensor] = {}
         if self._shapes:
-            answers = self.hooks.hook.shape_reward(run=self.run, step=step)
-            terms = self.hooks.merged(answers, "shape_reward")
+            terms = self.hooks.merged(self.shape_reward(step=step), "shape_reward")
         total = step.reward
         for name, value in terms.items():
             total = total + self.hooks.checked("shape_reward", name, value, tuple(total.shape))
@@ -251,9 +255,9 @@ class AttackEnv:
             "normalizers": {name: module.state_dict() for name, module in self.normalizers.items()},
             "privileged": None if self.privileged is None else self.privileged.state_dict(),
             "pending": {
-                "own": pending.own.clone(),
-                "opponent": pending.opponent.clone(),
-                "first": pending.first,
+                "own": pending.view.own.clone(),
+                "opponent": pending.view.opponent.clone(),
+                "first": pending.view.first,
                 "action": pending.victim.action,
                 "mean": None if distribution is None else distribution.mean,
                 "std": None if distribution is None else distribution.std,
@@ -276,9 +280,7 @@ class AttackEnv:
         saved = _to_device(state["pending"], self.device)
         distribution = None if saved["mean"] is None else DiagonalGaussian(saved["mean"], saved["std"])
         self._pending = Pending(
-            own=saved["own"],
-            opponent=saved["opponent"],
-            first=saved["first"],
+            view=View(saved["own"], saved["opponent"], saved["first"], saved["action"]),
             victim=Decision(saved["action"], distribution),
             groups=saved["groups"],
             observations=TensorDict(saved["observations"], batch_size=[self.num_envs], device=self.device),

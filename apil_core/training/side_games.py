@@ -45,7 +45,7 @@ class SideGames:
             return self._play(self._env, policy, steps)
 
     def _play(self, env: AttackEnv, policy: Policy, steps: int) -> Rollout:
-        env.run = self._attack.env.run
+        env.played = self._attack.env.played
         env.victim = policy
         env.buffer = RolloutBuffer(steps)  # what was collected before may still be learnt from
         # reward statistics are the training games': r̂ must mean the same in both

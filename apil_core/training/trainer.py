@@ -56,7 +56,8 @@ class Trainer:
         own = [] if attack.env.privileged is None else [attack.env.privileged]
         statistics = [attack.builder.normalizers, *attack.env.normalizers.values(), *own]
         self._replicas = Replicas(attack.world, attack.hooks.of(RunPlugin), statistics)
-        attack.env.run = self
+        attack.env.played = lambda: self.steps
+        attack.env.shape_reward = partial(self.hook.shape_reward, run=self)
 
     @property
     def steps(self) -> int:

@@ -266,7 +266,7 @@ def test_critics_can_be_given_what_the_victim_sees_and_the_time_left(tmp_path):
     seen = attack.env.get_observations()[PRIVILEGED_GROUP]
     left = 1 - 2 * attack.env.episode_length_buf / attack.game.layout.max_steps
     torch.testing.assert_close(seen[:, -1], left)
-    torch.testing.assert_close(seen[:, :-1], attack.env.privileged(attack.env.pending.opponent))
+    torch.testing.assert_close(seen[:, :-1], attack.env.privileged(attack.env.pending.view.opponent))
     width = sum(attack.builder.sizes.values())
     assert attack.actor.model.mlp[0].in_features == width
     critics = [attack.learner.ppo.critic, *(critic.model for critic in attack.learner.critics.values())]

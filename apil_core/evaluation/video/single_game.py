@@ -71,14 +71,13 @@ class Spectacle:
         game, watch = self.pairing.game, watch or (lambda moment: None)
         seed = stream_seed(self.seed, f"game {number}")
         game.seed(seed)
-        game.reset()
         players = self.pairing.players(seed)
+        games = players.start(game)
         self._rewind(seed)
-        returns, first = np.zeros(2), np.ones(1, bool)
+        returns = np.zeros(2)
         watch(Moment(number, 0, 0.0))
         while True:
-            step = game.step(players.act(game, first))
-            first = np.zeros(1, bool)
+            step = games.step(players.act(games))
             returns += step.sparse[:, 0] + step.dense[:, 0]
             steps = int(step.lengths[0])
             ended = self._ended(number, step, returns) if step.done[0] else None

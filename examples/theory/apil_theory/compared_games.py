@@ -129,15 +129,14 @@ def _games(pairing: Pairing, other: Policy | None, seed: int, plugins: PluginReg
     seats = [replace(seat, policy=compared) if i == side else seat for i, seat in enumerate(players.seats)]
     players = replace(players, seats=(seats[0], seats[1]))
     game.seed(stream_seed(seed, "evaluation games"))
-    game.reset()
-    active, first = np.ones(game.num_envs, bool), np.ones(game.num_envs, bool)
+    games, active = players.start(game), np.ones(game.num_envs, bool)
     playing, rewards, divergence = [], [], []
     while active.any():
-        step = game.step(players.act(game, first), None if active.all() else active)
+        step = games.step(players.act(games), None if active.all() else active)
         playing.append(active)
         rewards.append(np.where(active, training_reward(step, weights, share)[1 - side], 0.0))
         divergence.append(np.broadcast_to(compared.divergence, active.shape))
-        active, first = active & ~step.done, np.zeros(game.num_envs, bool)
+        active = active & ~step.done
     return ComparedGames(
         pairing.steps or 0, config.ppo.gamma, np.array(playing), np.array(rewards), np.array(divergence)
     )
