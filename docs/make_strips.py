@@ -1,4 +1,4 @@
-"""Makes the strips of snapshots in ``docs/images/``: one game between pretrained agents each.
+"""Makes the contact sheets in ``docs/images/``: one game between pretrained agents each.
 
     python docs/make_strips.py [GAME ...]
 
@@ -14,7 +14,7 @@ from pathlib import Path
 from PIL import Image
 
 from apil_core.evaluation.pairing import load_pairing
-from apil_core.evaluation.video.recording import Programme, show
+from apil_core.evaluation.video.recording import RenderOptions, show
 from apil_core.evaluation.video.single_game import Outcome
 
 HERE = Path(__file__).parent
@@ -35,12 +35,12 @@ GAMES: dict[str, tuple[str, Outcome, int]] = {
 def make(game: str) -> None:
     adversary, outcome, seed = GAMES[game]
     with tempfile.TemporaryDirectory() as folder:
-        strip = Path(folder) / "strip.png"
-        width, height = PANEL
-        programme = Programme(seed, until=outcome, snapshots=5, strip=strip, width=width, height=height)
+        sheet = Path(folder) / "sheet.png"
+        size = dict(zip(("width", "height"), PANEL, strict=True))
+        options = RenderOptions(seed, until=outcome, snapshots=5, contact_sheet=sheet, **size)
         with load_pairing(adversary, num_envs=1, env=game) as pairing:
-            (played,) = show(pairing, programme).games
-        picture = Image.open(strip).convert("RGB")
+            (played,) = show(pairing, options).games
+        picture = Image.open(sheet).convert("RGB")
     picture = picture.resize((WIDTH, round(picture.height * WIDTH / picture.width)), Image.Resampling.LANCZOS)
     path = HERE / "images" / f"strip-{game}.png"
     picture.quantize(256, dither=Image.Dither.FLOYDSTEINBERG).save(path, optimize=True)

@@ -21,7 +21,7 @@ _VERBS = (
     ("run", "run:run", _WORK, "Train an adversary against a frozen victim, then score it."),
     ("resume", "resume:resume", _WORK, "Continue a run exactly where it stopped, or extend a finished one."),
     ("eval", "evaluate:evaluate", _WORK, "Score an adversary: win, tie and loss rates with 95 % intervals."),
-    ("play", "play:play", _WORK, "Watch two policies play: a window, a video or a strip of snapshots."),
+    ("play", "play:play", _WORK, "Watch two policies play: a window, a video or a contact sheet."),
     (
         "fidelity",
         "fidelity:fidelity",

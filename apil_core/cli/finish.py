@@ -9,14 +9,14 @@ from apil_core.cli.output import say
 from apil_core.training.distributed.world import World
 
 if TYPE_CHECKING:
-    from apil_core.cli.souvenirs import Souvenirs
+    from apil_core.cli.artifacts import RunArtifacts
     from apil_core.evaluation.progress import Progress
     from apil_core.evaluation.results import EvaluationResult
     from apil_core.runs.runner import RunResult
 
 
 def finish(result: RunResult, progress: Progress, *, show: bool, as_json: bool) -> dict[str, Any]:
-    """Say how a run ended, make its souvenirs if asked to, and say where everything is.
+    """Say how a run ended, make its artifacts if asked to, and say where everything is.
 
     Returns:
         what ``--json`` prints, with a key ``souvenirs`` if there are any to speak of.
@@ -25,7 +25,7 @@ def finish(result: RunResult, progress: Progress, *, show: bool, as_json: bool) 
     if not as_json:
         print_end(result)
     if show and result.status == "finished":
-        document["souvenirs"] = _souvenirs(result, progress, silent=as_json)
+        document["souvenirs"] = _artifacts(result, progress, silent=as_json)
     return document
 
 
@@ -48,13 +48,13 @@ def print_end(result: RunResult) -> None:
         console().print(f"run        {result.run_dir}, {result.steps:,} steps", markup=False)
 
 
-def _souvenirs(result: RunResult, progress: Progress, *, silent: bool) -> dict[str, Any]:
+def _artifacts(result: RunResult, progress: Progress, *, silent: bool) -> dict[str, Any]:
+    from apil_core.cli.artifacts import make_artifacts
     from apil_core.cli.output import console
-    from apil_core.cli.souvenirs import make_souvenirs
     from apil_core.training.storage.run_dir import RunDir
 
-    progress.note("playing games to compare with, drawing the learning curve, looking for a won game to film")
-    made = make_souvenirs(RunDir(result.run_dir), progress)
+    progress.note("playing games to compare with, drawing the learning curve, looking for a won game")
+    made = make_artifacts(RunDir(result.run_dir), progress)
     for note in made.notes:
         complain(note, 0)
     if not silent:
@@ -66,7 +66,7 @@ def _souvenirs(result: RunResult, progress: Progress, *, silent: bool) -> dict[s
     return made.model_dump(mode="json")
 
 
-def _print_beside(own: EvaluationResult, made: Souvenirs) -> None:
+def _print_beside(own: EvaluationResult, made: RunArtifacts) -> None:
     """The wins of the adversary, of the game's own opponent, and of the adversary unseen by the victim."""
     from apil_core.cli.output import console, table
 

@@ -14,7 +14,7 @@ from apil_core.cli.progress import make_progress
 
 if TYPE_CHECKING:
     from apil_core.evaluation.pairing import PairingOptions
-    from apil_core.evaluation.video.recording import PlayResult, Programme
+    from apil_core.evaluation.video.recording import PlayResult, RenderOptions
 
 _WHERE = Group("Where to (a window, unless a file is named)", sort_key=2)
 
@@ -26,10 +26,10 @@ class Screen:
 
     video: Annotated[Path | None, Parameter(group=_WHERE, help="Write a video, FILE.mp4.")] = None
     snapshots: Annotated[
-        int | None, Parameter(group=_WHERE, help="Write a strip of so many pictures, the last at the end.")
+        int | None, Parameter(group=_WHERE, help="Write a contact sheet: so many pictures of each game.")
     ] = None
     out: Annotated[
-        Path | None, Parameter(group=_WHERE, help="File for the strip [default: snapshots.png].")
+        Path | None, Parameter(group=_WHERE, help="File of the contact sheet [default: snapshots.png].")
     ] = None
     width: Annotated[
         int | None, Parameter(group=_WHERE, help="Pixels of a frame [default: 960], of a snapshot [480].")
@@ -40,20 +40,20 @@ class Screen:
     speed: Annotated[float, Parameter(group=_WHERE, help="1: real time, 0.25: slow motion.")] = 1.0
     fps: Annotated[float, Parameter(group=_WHERE, help="About so many frames a second.")] = 30.0
 
-    def programme(self, **which: Any) -> Programme:
-        """What is to be shown; ``which`` are the other fields of :class:`.recording.Programme`.
+    def options(self, **which: Any) -> RenderOptions:
+        """What is to be shown; ``which`` are the other fields of :class:`.recording.RenderOptions`.
 
         Raises:
             ConfigError: a file without pictures to write to it.
         """
         from apil_core.common.errors import ConfigError
-        from apil_core.evaluation.video.recording import Programme
+        from apil_core.evaluation.video.recording import RenderOptions
 
         if self.out is not None and self.snapshots is None:
             raise ConfigError("--out names the file of --snapshots N, which is missing")
         names = ("video", "snapshots", "width", "height", "speed", "fps")
         where = {name: getattr(self, name) for name in names}
-        return Programme(**where, strip=self.out or Path("snapshots.png"), **which)
+        return RenderOptions(**where, contact_sheet=self.out or Path("snapshots.png"), **which)
 
 
 def play(
@@ -78,22 +78,22 @@ def play(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Watch two policies play: in a window, a video or a strip of snapshots.
+    """Watch two policies play: in a window, a video or a contact sheet.
 
     The victim is blue and the adversary red, whichever seats they have. A game depends on the seed and its
-    number only, whether anybody watches or not.
+    number only, however it is shown.
     """
     from apil_core.evaluation.pairing import load_pairing
     from apil_core.evaluation.video.recording import show
 
-    programme = (screen or Screen()).programme(seed=seed, episodes=episodes, until=until)
-    programme.check()
+    rendering = (screen or Screen()).options(seed=seed, episodes=episodes, until=until)
+    rendering.check()
     options: PairingOptions = {**(flags or PairingFlags()).options(), "threads": 1}
     with (
         load_pairing(adversary, num_envs=1, seed=seed, **options) as pairing,
         make_progress(quiet=quiet) as progress,
     ):
-        result = show(pairing, programme, progress)
+        result = show(pairing, rendering, progress)
     if as_json:
         print_json(result)
     else:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from apil_core.config.resolve import load_resolved
-from apil_core.evaluation.video.overlay import Cast, Score, board
-from apil_core.evaluation.video.single_game import Moment
+from apil_core.evaluation.video.overlay import OverlayText, header
+from apil_core.evaluation.video.single_game import Frame
 from apil_core.runs.distillation.config import settings as settings_of
 from cli.cli_helpers import SMALL, TINY, Apil
 
@@ -137,12 +138,12 @@ def test_distillation_takes_the_profile_as_a_setting_of_the_game() -> None:
     assert config.game == {"physics": "fast", "max_steps": 9}
 
 
-def test_a_film_names_physics_that_is_not_faithful() -> None:
-    with_note = Cast("a", "b", 1, Score(), "physics fast")
-    assert "physics fast" in with_note.text(Moment(1, 2, 0.1)).splitlines()
-    plain = Cast("a", "b", 1, Score())
-    assert "physics" not in plain.text(Moment(1, 2, 0.1))
-    assert board(400, 16, with_note).tobytes() != board(400, 16, plain).tobytes()
+def test_a_video_names_physics_that_is_not_faithful() -> None:
+    with_note = OverlayText("a", "b", 1, Counter(), "physics fast")
+    assert "physics fast" in with_note.text(Frame(1, 2, 0.1)).splitlines()
+    plain = OverlayText("a", "b", 1, Counter())
+    assert "physics" not in plain.text(Frame(1, 2, 0.1))
+    assert header(400, 16, with_note).tobytes() != header(400, 16, plain).tobytes()
 
 
 def test_pairings_are_played_in_the_profile(

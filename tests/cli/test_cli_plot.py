@@ -11,8 +11,8 @@ import av
 import pytest
 from PIL import Image
 
+from apil_core.cli.artifacts import make_artifacts
 from apil_core.cli.finish import finish
-from apil_core.cli.souvenirs import make_souvenirs
 from apil_core.evaluation.progress import Progress
 from apil_core.runs.runner import RunResult
 from apil_core.training.storage.run_dir import RunDir
@@ -136,7 +136,7 @@ def test_what_cannot_be_made_is_a_note_and_no_failure(apil: Apil, tmp_path: Path
     assert curve == (
         "apil: no learning curve: r/metrics.jsonl: 8 training games have ended, a curve needs 20"
     )
-    assert film.startswith("apil: no film of a won game: CoinGame cannot be drawn")
+    assert film.startswith("apil: no video of a won game: CoinGame cannot be drawn")
     assert souvenirs["notes"] == [curve.removeprefix("apil: "), film.removeprefix("apil: ")]
 
 
@@ -144,10 +144,10 @@ def test_not_even_a_surprise_is_a_failure(apil: Apil, tmp_path: Path) -> None:
     """Else one full disk or one crash of OpenGL would cost the seeds that come after it."""
     assert apil("run", *TOY, *SMALL, "--out", "r", "--quiet").code == 0
     (tmp_path / "r" / "won-game.mp4").mkdir()
-    made = make_souvenirs(RunDir(tmp_path / "r"))
+    made = make_artifacts(RunDir(tmp_path / "r"))
     assert made.won_game is None
     (note,) = made.notes
-    assert note.startswith("no film of a won game: IsADirectoryError: ")
+    assert note.startswith("no video of a won game: IsADirectoryError: ")
 
 
 def test_without_opengl_one_line_says_what_to_install(apil: Apil, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -159,8 +159,8 @@ def test_without_opengl_one_line_says_what_to_install(apil: Apil, monkeypatch: p
     done = apil("run", *ants, *brief, "--method", "adrl", "--threads", "1", "--out", "r", "--show", "--quiet")
     gl._first_working.cache_clear()
     assert done.code == 0, done.err
-    film = next(line for line in done.err.splitlines() if "film" in line)
-    assert film.startswith("apil: no film of a won game: cannot draw: no OpenGL here")
+    film = next(line for line in done.err.splitlines() if "video" in line)
+    assert film.startswith("apil: no video of a won game: cannot draw: no OpenGL here")
     assert "apt-get install libegl1" in film
 
 
@@ -170,7 +170,7 @@ def test_an_adversary_that_never_wins(apil: Apil, tmp_path: Path) -> None:
     done = apil("run", *TOY, *short, *SMALL, "--out", "r", "--show", "--quiet")
     assert done.code == 0, done.err
     assert done.err.count("\n") == 1
-    assert "no film of a won game: none of 30 games was a win of the adversary" in done.err
+    assert "no video of a won game: none of 30 games was a win of the adversary" in done.err
     assert (tmp_path / "r/curve.png").is_file()
     assert not [path.name for path in (tmp_path / "r").iterdir() if ".mp4" in path.name]
 

@@ -1,51 +1,52 @@
-"""A strip of snapshots: a row of pictures for every game, from its start to its end."""
+"""Contact sheets: a row of snapshots for every game, start to end, below the names and the score."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from apil_core.common.errors import ApilError
-from apil_core.common.files import write_atomically
-from apil_core.evaluation.video import overlay as caption
-from apil_core.evaluation.video.overlay import Cast
+from apil_core.evaluation.video import overlay
+from apil_core.evaluation.video.overlay import OverlayText
 
 FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEBP"}
 """File formats by extension."""
 
 LONGEST = {"PNG": 100_000, "JPEG": 65_500, "WEBP": 16_383}
-"""Pixels a strip may be wide or high, by format."""
+"""Pixels a contact sheet may be wide or high, by format."""
 
 MOST = 50
-"""Pictures a row may have."""
+"""Snapshots a row may have."""
 
-_AREA = 150_000_000  # pixels of a whole strip; six bytes each while it is put together
+_AREA = 150_000_000  # pixels of a whole sheet; six bytes each while it is put together
 
-_GAP = 4  # pixels of white between pictures
-_LARGER = 1.4  # letters of the scoreboard to those in the pictures
+_GAP = 4  # pixels of white between snapshots
+_LARGER = 1.4  # letters of the header to those in the snapshots
 
 
-def check_strip(path: Path, snapshots: int, games: int, size: tuple[int, int]) -> None:
-    """Whether such a strip can be written there.
+def check_contact_sheet(path: Path, snapshots: int, games: int, size: tuple[int, int]) -> None:
+    """Check that such a contact sheet can be written there.
 
     Args:
         path: of the file.
-        snapshots, games: pictures in a row, and rows.
-        size: of a picture, pixels.
+        snapshots, games: snapshots in a row, and rows.
+        size: of a snapshot, pixels.
 
     Raises:
         ApilError: it cannot.
     """
-    if path.suffix.lower() not in FORMATS:
+    kind = FORMATS.get(path.suffix.lower())
+    if kind is None:
         raise ApilError(f"{path}: snapshots are written to {', '.join(FORMATS)} files")
     if not 1 <= snapshots <= MOST:
         raise ApilError(f"--snapshots takes 1 to {MOST}, got {snapshots}")
-    width, height = _sheet(snapshots, games, *size)
-    if max(width, height) > LONGEST[FORMATS[path.suffix.lower()]] or width * height > _AREA:
+    width, height = _size(snapshots, games, *size)
+    if max(width, height) > LONGEST[kind] or width * height > _AREA:
         raise ApilError(
-            f"{path}: a strip of {width} × {height} pixels is too large; take fewer --snapshots or "
+            f"{path}: a contact sheet of {width} × {height} pixels is too large; take fewer --snapshots or "
             "--episodes, or a smaller --width and --height"
         )
 
@@ -57,48 +58,19 @@ def chosen_steps(steps: int, snapshots: int) -> list[int]:
     return sorted({int(step) for step in np.linspace(0, steps, snapshots).round()})
 
 
-class Strip:
-    """Collects pictures of one size and lays them out.
-
-    Args:
-        snapshots: pictures in a row.
-    """
-
-    def __init__(self, snapshots: int):
-        self.snapshots = snapshots
-        self.rows: list[list[Image.Image]] = []
-
-    def begin(self) -> None:
-        """Start a new row, for a new game."""
-        self.rows.append([])
-
-    def add(self, picture: Image.Image) -> None:
-        """Append a picture to the last row."""
-        self.rows[-1].append(picture)
-
-    def picture(self, cast: Cast) -> Image.Image:
-        """All rows below the scoreboard, (rows · height + board) × (snapshots · width)."""
-        width, height = self.rows[0][0].size
-        columns = max(len(row) for row in self.rows)
-        sheet = _sheet(columns, len(self.rows), width, height)
-        board = caption.board(sheet[0], caption.letter_size(self.rows[0][0]) * _LARGER, cast)
-        image = Image.new("RGB", (sheet[0], sheet[1] + board.height), "white")
-        image.paste(board.convert("RGB"), (0, 0))
-        for i, row in enumerate(self.rows):
-            for j, picture in enumerate(row):
-                image.paste(picture, (j * (width + _GAP), board.height + i * (height + _GAP)))
-        return image
-
-    def save(self, path: Path, cast: Cast) -> None:
-        """Write the file.
-
-        Raises:
-            RunDirError: it cannot be written.
-        """
-        image, kind = self.picture(cast), FORMATS[path.suffix.lower()]
-        write_atomically(path, lambda file: image.save(file, format=kind))
+def lay_out(rows: Sequence[Sequence[Image.Image]], text: OverlayText) -> Image.Image:
+    """All rows of equally large snapshots below the header, (rows · height + header) × (columns · width)."""
+    width, height = rows[0][0].size
+    sheet = _size(max(map(len, rows)), len(rows), width, height)
+    header = overlay.header(sheet[0], overlay.letter_size(rows[0][0]) * _LARGER, text)
+    image = Image.new("RGB", (sheet[0], sheet[1] + header.height), "white")
+    image.paste(header.convert("RGB"), (0, 0))
+    for i, row in enumerate(rows):
+        for j, snapshot in enumerate(row):
+            image.paste(snapshot, (j * (width + _GAP), header.height + i * (height + _GAP)))
+    return image
 
 
-def _sheet(columns: int, rows: int, width: int, height: int) -> tuple[int, int]:
-    """Width and height of all pictures together, without the scoreboard."""
+def _size(columns: int, rows: int, width: int, height: int) -> tuple[int, int]:
+    """Width and height of all snapshots together, without the header."""
     return columns * (width + _GAP) - _GAP, rows * (height + _GAP) - _GAP

@@ -1,4 +1,4 @@
-"""A video of games, written frame by frame."""
+"""mp4 files, written frame by frame."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def pace(seconds_per_step: float, speed: float, fps: float) -> tuple[int, Fracti
     return stride, Fraction(1 / (stride * shown)).limit_denominator(1000)
 
 
-def check_film(path: Path, width: int, height: int) -> None:
-    """Whether a video can be written there.
+def check_mp4(path: Path, width: int, height: int) -> None:
+    """Check that a video can be written there.
 
     Raises:
         ApilError: PyAV is missing, or path or size will not do.
@@ -49,7 +49,7 @@ def check_film(path: Path, width: int, height: int) -> None:
         raise ApilError(f"a video's width and height must be even, got {width} × {height}")
 
 
-class Film:
+class Mp4Writer:
     """An H.264 video in an mp4 file, which is there once :meth:`close` was called.
 
     Args:

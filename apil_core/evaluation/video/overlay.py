@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
 from PIL import Image, ImageDraw, ImageFont
 
 from apil_core.common import colours
 from apil_core.common.colours import Colour
-from apil_core.evaluation.video.single_game import Moment, Outcome, PlayedGame
+from apil_core.evaluation.video.single_game import Frame, Outcome, PlayedGame
 
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
@@ -19,48 +20,35 @@ _VERDICTS = {"win": "adversary wins", "loss": "victim wins", "tie": "tie"}
 _GROUNDS = {"win": colours.ADVERSARY, "loss": colours.VICTIM, "tie": colours.NEUTRAL}
 
 
-@dataclass
-class Score:
-    """Games so far, from the adversary's side."""
-
-    win: int = 0
-    tie: int = 0
-    loss: int = 0
-
-    def add(self, outcome: Outcome) -> None:
-        """Count one more game."""
-        setattr(self, outcome, getattr(self, outcome) + 1)
-
-
 @dataclass(frozen=True)
-class Cast:
-    """Who plays.
+class OverlayText:
+    """Who plays, and the score.
 
     Attributes:
         victim, adversary: seat and policy, e.g. ``"kicker, zoo:kick-and-defend/kicker/v1"``.
         games: to be shown.
-        score: grows as games end.
+        score: games so far by outcome, the adversary's; grows as games end.
         note: on the games themselves, e.g. that they are not the true ones.
     """
 
     victim: str
     adversary: str
     games: int
-    score: Score
+    score: Counter[Outcome]
     note: str = ""
 
-    def clock(self, moment: Moment) -> str:
+    def clock(self, frame: Frame) -> str:
         """Game, time and step, in words."""
-        game = f"game {moment.number}, " if self.games > 1 else ""
-        return f"{game}{moment.seconds:.2f} s, step {moment.step}"
+        game = f"game {frame.number}, " if self.games > 1 else ""
+        return f"{game}{frame.seconds:.2f} s, step {frame.step}"
 
-    def text(self, moment: Moment) -> str:
+    def all(self, frame: Frame) -> str:
         """All there is to say, for a window."""
         lines = [f"victim (blue): {self.victim}", f"adversary (red): {self.adversary}"]
         score = self.score
-        lines.append(f"victim {score.loss} : {score.win} adversary, ties {score.tie}")
+        lines.append(f"victim {score['loss']} : {score['win']} adversary, ties {score['tie']}")
         lines += [self.note] if self.note else []
-        lines.append(self.clock(moment) if moment.ended is None else verdict(moment.ended))
+        lines.append(self.clock(frame) if frame.ended is None else verdict(frame.ended))
         return "\n".join(lines)
 
 
@@ -69,27 +57,27 @@ def verdict(ended: PlayedGame) -> str:
     return f"{_VERDICTS[ended.outcome]}: {ended.cause}"
 
 
-def board(width: int, size: float, cast: Cast) -> Image.Image:
+def header(width: int, size: float, text: OverlayText) -> Image.Image:
     """Both names and the score as one line, RGBA, in letters of that height."""
     picture = Image.new("RGBA", (width, round(1.9 * size)), _DARK)
     draw, middle, large = ImageDraw.Draw(picture), picture.height / 2, _font(1.15 * size)
-    score = f"{cast.score.loss} : {cast.score.win}"
-    score += f", ties {cast.score.tie}" if cast.score.tie else ""
-    score += f", {cast.note}" if cast.note else ""
+    score = f"{text.score['loss']} : {text.score['win']}"
+    score += f", ties {text.score['tie']}" if text.score["tie"] else ""
+    score += f", {text.note}" if text.note else ""
     draw.text((width / 2, middle), score, _WHITE, large, anchor="mm")
     room = (width - draw.textlength(score, large)) / 2 - 2.5 * size
-    names = (("victim", cast.victim, colours.VICTIM), ("adversary", cast.adversary, colours.ADVERSARY))
+    names = (("victim", text.victim, colours.VICTIM), ("adversary", text.adversary, colours.ADVERSARY))
     for i, (role, name, colour) in enumerate(names):
         edge, x, anchor = ((0.0, size, "lm"), (width - size / 2, width - size, "rm"))[i]
         draw.rectangle((edge, 0, edge + size / 2, picture.height), fill=colour)
-        text, font = _fitting(f"{role}: {name}", room, size)
-        draw.text((x, middle), text, colours.light(colour), font, anchor=anchor)
+        words, font = _fitting(f"{role}: {name}", room, size)
+        draw.text((x, middle), words, colours.light(colour), font, anchor=anchor)
     return picture
 
 
-def scoreboard(picture: Image.Image, cast: Cast) -> None:
+def scoreboard(picture: Image.Image, text: OverlayText) -> None:
     """Draw both names and the score across the top."""
-    line = board(picture.width, min(letter_size(picture), picture.width / 50), cast)
+    line = header(picture.width, min(letter_size(picture), picture.width / 50), text)
     picture.paste(line, (0, 0), line)
 
 

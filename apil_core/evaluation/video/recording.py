@@ -1,55 +1,56 @@
-"""Showing games between two policies: which ones, to whom, and what came of it."""
+"""Showing games between two policies in a video, a contact sheet or a window (``apil play``)."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from apil_core.api.profiles import FAITHFUL
 from apil_core.common.errors import ApilError, ConfigError
-from apil_core.common.files import why_unwritable
+from apil_core.common.files import check_place
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.evaluation.pairing import Pairing, circumstances
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import Circumstances
-from apil_core.evaluation.video.contact_sheet import check_strip
-from apil_core.evaluation.video.mp4 import check_film
-from apil_core.evaluation.video.overlay import Cast, Score
-from apil_core.evaluation.video.single_game import Moment, Outcome, PlayedGame, Spectacle
+from apil_core.evaluation.video.contact_sheet import check_contact_sheet
+from apil_core.evaluation.video.mp4 import check_mp4
+from apil_core.evaluation.video.overlay import OverlayText
+from apil_core.evaluation.video.single_game import Frame, Outcome, PlayedGame, SingleGames
 from apil_core.evaluation.video.viewers import (
-    Audience,
     Camera,
-    FilmAudience,
-    StripAudience,
-    WindowAudience,
+    ContactSheet,
+    LiveViewer,
+    VideoRecorder,
+    Viewer,
     WindowClosed,
 )
 
 TRIES = 100
-"""Games looked at for one that ends as wished, unless told otherwise."""
+"""Games looked at for one that ends as wished, by default."""
 
-FILM_SIZE, SNAPSHOT_SIZE = (960, 540), (480, 320)
-"""Pixels of a frame and of a snapshot, unless told otherwise."""
-
+FRAME_SIZE, SNAPSHOT_SIZE = (960, 540), (480, 320)
+"""Default width and height of a video's frame and of a snapshot, pixels."""
 
 LARGEST = 4096
 """Pixels a picture may be wide or high."""
 
 SPEEDS, RATES = (0.001, 1000.0), (1.0, 1000.0)
-"""Least and most of ``speed`` and ``fps``: a film's frame rate can be written down."""
+"""Least and most of ``speed`` and ``fps``: the frame rate must fit into an mp4 file."""
 
 
 @dataclass(frozen=True)
-class Programme:
-    """What is to be shown, and where.
+class RenderOptions:
+    """Which games are shown, and where.
 
     Attributes:
         seed: of everything random.
         episodes: games to show; with ``until``: to try. ``None``: 1, or :data:`TRIES`.
         until: show only the first game that ends like this for the adversary.
-        video: file to write, or ``None``.
-        snapshots: pictures of each game in the strip, or ``None``.
-        strip: file for the strip.
+        video: mp4 file to write, or ``None``.
+        snapshots: pictures of each game in the contact sheet, or ``None``: no contact sheet.
+        contact_sheet: its file.
         width, height: of a frame and of a snapshot, pixels.
         speed: 1 is real time.
         fps: what the video's frame rate should be near to.
@@ -60,7 +61,7 @@ class Programme:
     until: Outcome | None = None
     video: Path | None = None
     snapshots: int | None = None
-    strip: Path = Path("snapshots.png")
+    contact_sheet: Path = Path("snapshots.png")
     width: int | None = None
     height: int | None = None
     speed: float = 1.0
@@ -72,14 +73,14 @@ class Programme:
         return 1 if self.until else self.episodes or 1
 
     def size(self, default: tuple[int, int]) -> tuple[int, int]:
-        """Width and height, with the default where nothing was said."""
+        """Width and height, pixels."""
         return self.width or default[0], self.height or default[1]
 
     def check(self) -> None:
-        """Whether all this can be done, as far as one can tell without playing.
+        """Check numbers, sizes and files before anything is played.
 
         Raises:
-            ApilError: it cannot.
+            ApilError: one of them will not do.
         """
         if self.episodes is not None and self.episodes < 1:
             raise ConfigError(f"--episodes must be at least 1, got {self.episodes}")
@@ -90,11 +91,11 @@ class Programme:
             if pixels is not None and not 1 <= pixels <= LARGEST:
                 raise ConfigError(f"{name} takes 1 to {LARGEST}, got {pixels}")
         if self.video is not None:
-            check_film(self.video, *self.size(FILM_SIZE))
+            check_mp4(self.video, *self.size(FRAME_SIZE))
             _check_free(self.video)
         if self.snapshots is not None:
-            check_strip(self.strip, self.snapshots, self.games, self.size(SNAPSHOT_SIZE))
-            _check_free(self.strip)
+            check_contact_sheet(self.contact_sheet, self.snapshots, self.games, self.size(SNAPSHOT_SIZE))
+            _check_free(self.contact_sheet)
 
 
 class PlayResult(Circumstances):
@@ -108,51 +109,80 @@ class PlayResult(Circumstances):
     snapshots: Path | None = None
 
 
-def show(pairing: Pairing, programme: Programme, progress: Progress | None = None) -> PlayResult:
-    """Play and show what the programme asks for.
+def show(pairing: Pairing, options: RenderOptions, progress: Progress | None = None) -> PlayResult:
+    """Play and show what the options ask for.
 
     Args:
         pairing: made with ``num_envs=1``.
-        programme: checked by the caller.
-        progress: told of every game that was shown, or tried before one ended as wished.
+        options: checked by the caller.
+        progress: gets a note of every game that was shown, or tried before one ended as wished.
 
     Raises:
         ApilError: nothing can be drawn here, or no game ended as wished.
     """
     progress = progress or Progress()
-    cast = _cast(pairing, programme)
-    spectacle = Spectacle(pairing, programme.seed)
+    text = _text(pairing, options)
+    single = SingleGames(pairing, options.seed)
     pairing.game.seed(0)
     pairing.game.reset()  # so that there is something to try the cameras on
     games: list[PlayedGame] = []
     with one_torch_thread(), pairing.attribution():
-        audiences = _audiences(pairing, programme, cast)
+        viewers = _viewers(pairing, options, text)
         try:
-            for number in _numbers(spectacle, programme, progress):
-                games.append(_show_game(spectacle, number, audiences, cast))
+            for number, ahead in _chosen(single, options, progress):
+                games.append(_show_game(single, number, ahead, viewers, text))
                 progress.note(f"game {number} shown: {games[-1].outcome}, {games[-1].cause}")
-            for audience in audiences:
-                audience.finish()
+            for viewer in viewers:
+                viewer.finish()
         except BaseException as reason:
-            for audience in audiences:
-                audience.abandon()
+            for viewer in viewers:
+                viewer.abandon()
             if not isinstance(reason, WindowClosed):
                 raise
-    return _result(pairing, programme, cast.score, games)
+    return PlayResult(
+        **circumstances(pairing, options.seed),
+        wins=text.score["win"],
+        ties=text.score["tie"],
+        losses=text.score["loss"],
+        games=games,
+        video=options.video,
+        snapshots=options.contact_sheet if options.snapshots is not None else None,
+    )
 
 
-def _show_game(spectacle: Spectacle, number: int, audiences: list[Audience], cast: Cast) -> PlayedGame:
-    ahead = spectacle.play(number) if any(audience.knows_ahead for audience in audiences) else None
-    for audience in audiences:
-        audience.begin(ahead)
+def _chosen(
+    single: SingleGames, options: RenderOptions, progress: Progress
+) -> Iterator[tuple[int, PlayedGame | None]]:
+    """Numbers of the games to show, each with how it goes where that is known or a contact sheet needs it."""
+    if options.until is None:
+        for number in range(1, options.games + 1):
+            yield number, None if options.snapshots is None else single.play(number)
+        return
+    tries = options.episodes or TRIES
+    found = single.find(
+        options.until, tries, lambda game: progress.note(f"game {game.number} of {tries}: {game.outcome}")
+    )
+    if found is None:
+        raise ApilError(
+            f"none of {tries} games was a {options.until} of the adversary; "
+            "apil play takes --episodes and --seed to try others"
+        )
+    yield found.number, found
 
-    def watch(moment: Moment) -> None:
-        if moment.ended is not None:
-            cast.score.add(moment.ended.outcome)
-        for audience in audiences:
-            audience.see(moment)
 
-    played = spectacle.play(number, watch)
+def _show_game(
+    single: SingleGames, number: int, ahead: PlayedGame | None, viewers: list[Viewer], text: OverlayText
+) -> PlayedGame:
+    for viewer in viewers:
+        viewer.begin(ahead)
+
+    def watch(frame: Frame) -> None:
+        if frame.ended is not None:
+            text.score[frame.ended.outcome] += 1
+        for viewer in viewers:
+            viewer.see(frame)
+
+    played = single.play(number, watch)
     if ahead not in (None, played):
         raise ApilError(
             "the same game went another way when played again: a policy or a hook draws from "
@@ -161,64 +191,33 @@ def _show_game(spectacle: Spectacle, number: int, audiences: list[Audience], cas
     return played
 
 
-def _numbers(spectacle: Spectacle, programme: Programme, progress: Progress) -> list[int]:
-    if programme.until is None:
-        return list(range(1, programme.games + 1))
-    tries = programme.episodes or TRIES
-    found = spectacle.find(
-        programme.until, tries, lambda game: progress.note(f"game {game.number} of {tries}: {game.outcome}")
-    )
-    if found is None:
-        raise ApilError(
-            f"none of {tries} games was a {programme.until} of the adversary; "
-            "apil play takes --episodes and --seed to try others"
-        )
-    return [found.number]
-
-
-def _cast(pairing: Pairing, programme: Programme) -> Cast:
+def _text(pairing: Pairing, options: RenderOptions) -> OverlayText:
     sides = pairing.game.layout.sides
     victim = f"{sides[1 - pairing.side].name}, {pairing.victim.info.name}"
     adversary = f"{sides[pairing.side].name}, {pairing.adversary.info.name}"
     physics = pairing.game.settings.get("physics", FAITHFUL)
     note = "" if physics == FAITHFUL else f"physics {physics}"
-    return Cast(victim, adversary, programme.games, Score(), note)
+    return OverlayText(victim, adversary, options.games, Counter(), note)
 
 
-def _audiences(pairing: Pairing, programme: Programme, cast: Cast) -> list[Audience]:
+def _viewers(pairing: Pairing, options: RenderOptions, text: OverlayText) -> list[Viewer]:
     game, side = pairing.game, pairing.side
-    audiences: list[Audience] = []
-    if programme.snapshots is not None:
-        camera = Camera(game, side, *programme.size(SNAPSHOT_SIZE))
-        audiences.append(StripAudience(programme.strip, camera, cast, programme.snapshots))
-    if programme.video is not None:
-        size = programme.size(FILM_SIZE)
-        camera, pace = Camera(game, side, *size), {"speed": programme.speed, "fps": programme.fps}
-        audiences.append(FilmAudience(programme.video, camera, size, cast, game.seconds_per_step, **pace))
-    if not audiences:
+    viewers: list[Viewer] = []
+    if options.snapshots is not None:
+        camera = Camera(game, side, options.size(SNAPSHOT_SIZE))
+        viewers.append(ContactSheet(options.contact_sheet, camera, text, options.snapshots))
+    if options.video is not None:
+        camera, pace = Camera(game, side, options.size(FRAME_SIZE)), (options.speed, options.fps)
+        viewers.append(VideoRecorder(options.video, camera, text, game.seconds_per_step, *pace))
+    if not viewers:
         try:
-            audiences.append(WindowAudience(game, side, cast, programme.speed))
+            viewers.append(LiveViewer(game, side, text, options.speed))
         except ApilError as error:
             raise ApilError(f"{error}; use --video FILE.mp4 or --snapshots N") from error
-    return audiences
-
-
-def _result(pairing: Pairing, programme: Programme, score: Score, games: list[PlayedGame]) -> PlayResult:
-    return PlayResult(
-        **circumstances(pairing, programme.seed),
-        wins=score.win,
-        ties=score.tie,
-        losses=score.loss,
-        games=games,
-        video=programme.video,
-        snapshots=programme.strip if programme.snapshots is not None else None,
-    )
+    return viewers
 
 
 def _check_free(path: Path) -> None:
     if path.exists():
         raise ConfigError(f"{path} exists already; nothing is overwritten")
-    if not path.parent.is_dir():
-        raise ConfigError(f"{path}: there is no directory {path.parent}")
-    if (reason := why_unwritable(path.parent)) is not None:
-        raise ConfigError(f"{path}: {path.parent} cannot be written to: {reason}")
+    check_place(path)

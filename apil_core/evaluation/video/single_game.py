@@ -1,4 +1,4 @@
-"""Single games to be watched: each is a function of the seed and its number, so it can be played again."""
+"""Single games of a pairing: each is a function of the seed and its number, so it can be played again."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ class PlayedGame(BaseModel):
 
 
 @dataclass(frozen=True)
-class Moment:
+class Frame:
     """A game at one step.
 
     Attributes:
         number: of the game, from 1.
         step: control steps played; 0 before the first.
         seconds: of simulated time.
-        ended: how the game went, if this is its last moment.
+        ended: how the game went, if this is its last frame.
     """
 
     number: int
@@ -48,8 +48,8 @@ class Moment:
     ended: PlayedGame | None = None
 
 
-class Spectacle:
-    """Plays single games of a pairing (of one game at a time) for whoever watches.
+class SingleGames:
+    """Plays games of a pairing one at a time.
 
     Args:
         pairing: made with ``num_envs=1``.
@@ -61,34 +61,34 @@ class Spectacle:
         self.seed = seed
 
     @torch.inference_mode()
-    def play(self, number: int, watch: Callable[[Moment], None] | None = None) -> PlayedGame:
-        """Play game ``number`` of this seed, with or without spectators the same.
+    def play(self, number: int, watch: Callable[[Frame], None] | None = None) -> PlayedGame:
+        """Play game ``number`` of this seed; ``watch`` does not change it.
 
         Args:
             number: from 1.
-            watch: called with every moment, from the start to the end.
+            watch: called with every frame, from the start to the end.
         """
-        game, watch = self.pairing.game, watch or (lambda moment: None)
+        game, watch = self.pairing.game, watch or (lambda frame: None)
         seed = stream_seed(self.seed, f"game {number}")
         game.seed(seed)
         players = self.pairing.players(seed)
         games = players.start(game)
         self._rewind(seed)
         returns = np.zeros(2)
-        watch(Moment(number, 0, 0.0))
+        watch(Frame(number, 0, 0.0))
         while True:
             step = games.step(players.act(games))
             returns += step.sparse[:, 0] + step.dense[:, 0]
             steps = int(step.lengths[0])
             ended = self._ended(number, step, returns) if step.done[0] else None
-            watch(Moment(number, steps, steps * game.seconds_per_step, ended))
+            watch(Frame(number, steps, steps * game.seconds_per_step, ended))
             if ended is not None:
                 return ended
 
     def find(
         self, outcome: Outcome, games: int, on_game: Callable[[PlayedGame], None] | None = None
     ) -> PlayedGame | None:
-        """The first of so many games that ends like that; ``on_game`` is told of each one tried."""
+        """The first of so many games that ends like that; ``on_game`` is called with each one tried."""
         for number in range(1, games + 1):
             played = self.play(number)
             if on_game is not None:

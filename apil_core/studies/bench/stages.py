@@ -121,9 +121,9 @@ def _shared(ledger: Ledger, game: str, threads: int, physics: Profile | None) ->
 
 
 def take_snapshots(ledger: Ledger, cell: Cell, progress: Progress) -> None:
-    """A strip of pictures of a game the cell's adversary wins; of its first game if it wins none."""
+    """A contact sheet of a game the cell's adversary wins; of its first game if it wins none."""
     from apil_core.evaluation.pairing import load_pairing
-    from apil_core.evaluation.video.recording import Programme, show
+    from apil_core.evaluation.video.recording import RenderOptions, show
 
     path = ledger.bench.snapshot_path(cell.name)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -132,25 +132,25 @@ def take_snapshots(ledger: Ledger, cell: Cell, progress: Progress) -> None:
     run = f"run:{ledger.bench.cell(cell.name).path}"
     with load_pairing(run, num_envs=1, threads=1, seed=cell.seed) as pairing:
         won = won_game(pairing, cell.seed)
-        programme = Programme(
+        options = RenderOptions(
             seed=cell.seed,
             until="win" if won else None,
             episodes=_TRIES if won else None,
             snapshots=pictures,
-            strip=path,
+            contact_sheet=path,
             width=240,
             height=160,
         )
-        programme.check()
-        show(pairing, programme, progress)
+        options.check()
+        show(pairing, options, progress)
 
 
 def won_game(pairing: Any, seed: int) -> bool:
-    """Whether the adversary wins one of the games a strip would be looked for in."""
+    """Whether the adversary wins one of the games a contact sheet is looked for in."""
     from apil_core.common.torch_threads import one_torch_thread
-    from apil_core.evaluation.video.single_game import Spectacle
+    from apil_core.evaluation.video.single_game import SingleGames
 
     with one_torch_thread(), pairing.attribution():
         pairing.game.seed(0)
         pairing.game.reset()
-        return Spectacle(pairing, seed).find("win", _TRIES, lambda game: None) is not None
+        return SingleGames(pairing, seed).find("win", _TRIES, lambda game: None) is not None

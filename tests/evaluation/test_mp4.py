@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from apil_core import ApilError
-from apil_core.evaluation.video.mp4 import Film, check_film, pace
+from apil_core.evaluation.video.mp4 import Mp4Writer, check_mp4, pace
 
 
 @pytest.mark.parametrize(
@@ -30,47 +30,47 @@ def test_frames_keep_time(step: float, speed: float, fps: float, stride: int, ra
     assert stride * step / speed == pytest.approx(float(1 / rate))
 
 
-def test_a_film_holds_what_was_added(tmp_path: Path) -> None:
-    path = tmp_path / "film.mp4"
-    film = Film(path, 64, 48, Fraction(25))
+def test_a_video_holds_what_was_added(tmp_path: Path) -> None:
+    path = tmp_path / "video.mp4"
+    video = Mp4Writer(path, 64, 48, Fraction(25))
     for shade in (0, 120, 240):
-        film.add(Image.new("RGB", (64, 48), (shade, shade, shade)))
-    film.add(Image.new("RGB", (64, 48), (250, 0, 0)), seconds=0.4)
+        video.add(Image.new("RGB", (64, 48), (shade, shade, shade)))
+    video.add(Image.new("RGB", (64, 48), (250, 0, 0)), seconds=0.4)
     assert not path.exists()
-    film.close()
+    video.close()
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
         frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)]
         assert stream.average_rate == 25
         assert stream.codec_context.name == "h264"
         assert stream.codec_context.pix_fmt == "yuv420p"
-    assert len(frames) == film.frames == 3 + 10
+    assert len(frames) == video.frames == 3 + 10
     assert frames[0].shape == (48, 64, 3)
     for frame, shade in zip(frames, (0, 120, 240), strict=False):
         assert abs(frame.mean() - shade) < 6
     assert np.abs(frames[-1].mean((0, 1)) - [250, 0, 0]).max() < 12
-    assert [file.name for file in tmp_path.iterdir()] == ["film.mp4"]
+    assert [file.name for file in tmp_path.iterdir()] == ["video.mp4"]
 
 
-def test_a_discarded_film_leaves_nothing(tmp_path: Path) -> None:
+def test_a_discarded_video_leaves_nothing(tmp_path: Path) -> None:
     for frames in (0, 2):
-        film = Film(tmp_path / "film.mp4", 64, 48, Fraction(25))
+        video = Mp4Writer(tmp_path / "video.mp4", 64, 48, Fraction(25))
         for _ in range(frames):
-            film.add(Image.new("RGB", (64, 48)))
-        film.discard()
+            video.add(Image.new("RGB", (64, 48)))
+        video.discard()
         assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
     ("name", "size", "message"),
-    [("film.avi", (64, 48), r"\.mp4"), ("film.mp4", (63, 48), "even"), ("film.mp4", (64, 49), "64 × 49")],
+    [("video.avi", (64, 48), r"\.mp4"), ("video.mp4", (63, 48), "even"), ("video.mp4", (64, 49), "64 × 49")],
 )
-def test_what_cannot_be_filmed_is_said_before(name: str, size: tuple[int, int], message: str) -> None:
+def test_what_cannot_be_written_is_said_before(name: str, size: tuple[int, int], message: str) -> None:
     with pytest.raises(ApilError, match=message):
-        check_film(Path(name), *size)
+        check_mp4(Path(name), *size)
 
 
 def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "av", None)
     with pytest.raises(ApilError, match="videos need av: pip install av"):
-        check_film(Path("film.mp4"), 64, 48)
+        check_mp4(Path("video.mp4"), 64, 48)

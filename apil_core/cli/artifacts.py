@@ -1,4 +1,4 @@
-"""What a finished run can be shown with: scores to compare with, its learning curve, a game it won."""
+"""Artifacts of a finished run: scores to compare with, its learning curve, a video of a game it won."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TRIES = 30
 """Games looked at for one that the adversary wins."""
 
 
-class Souvenirs(BaseModel):
+class RunArtifacts(BaseModel):
     """What was made; ``None`` where it could not be done, and then ``notes`` says why.
 
     Attributes:
@@ -37,16 +37,16 @@ class Souvenirs(BaseModel):
     notes: list[str] = []
 
 
-def make_souvenirs(run: RunDir, progress: Progress | None = None) -> Souvenirs:
-    """Play the games to compare with, draw the learning curve and film a game that the adversary wins.
+def make_artifacts(run: RunDir, progress: Progress | None = None) -> RunArtifacts:
+    """Play the games to compare with, draw the learning curve and record a game that the adversary wins.
 
     Nothing depends on them, so whatever keeps one from being made is a note, not an error.
 
     Args:
         run: a finished run. Files of the same names are replaced.
-        progress: told of every game tried.
+        progress: gets a note of every game tried.
     """
-    made = Souvenirs()
+    made = RunArtifacts()
     progress = progress or Progress()
     if run.config().evaluation.episodes:
         lack = "no score of the game's own opponent"
@@ -54,11 +54,11 @@ def make_souvenirs(run: RunDir, progress: Progress | None = None) -> Souvenirs:
         lack = "no score against a blinded victim"
         made.victim_blinded = _attempt(made, lack, lambda: _unseen(run, progress))
     made.curve = _attempt(made, "no learning curve", lambda: _draw(run))
-    made.won_game = _attempt(made, "no film of a won game", lambda: _film(run, progress))
+    made.won_game = _attempt(made, "no video of a won game", lambda: _record_win(run, progress))
     return made
 
 
-def _attempt(made: Souvenirs, lack: str, make: Callable[[], Made]) -> Made | None:
+def _attempt(made: RunArtifacts, lack: str, make: Callable[[], Made]) -> Made | None:
     try:
         return make()
     except Exception as error:  # OpenGL, encoder or disk; further seeds may be waiting for their turn
@@ -113,15 +113,15 @@ def _draw(run: RunDir) -> Path:
     return run.curve_path
 
 
-def _film(run: RunDir, progress: Progress) -> Path:
+def _record_win(run: RunDir, progress: Progress) -> Path:
     from apil_core.evaluation.pairing import load_pairing
-    from apil_core.evaluation.video.recording import Programme, show
+    from apil_core.evaluation.video.recording import RenderOptions, show
 
     config = run.config()
     path = run.won_game_path
     path.unlink(missing_ok=True)
-    programme = Programme(config.seed, episodes=TRIES, until="win", video=path)
-    programme.check()
+    options = RenderOptions(config.seed, episodes=TRIES, until="win", video=path)
+    options.check()
     with load_pairing(run.path, num_envs=1, threads=1, seed=config.seed, device=config.device) as pairing:
-        show(pairing, programme, progress)
+        show(pairing, options, progress)
     return path

@@ -1,4 +1,4 @@
-"""Games played for spectators: the same whoever looks, and anybody can be seated."""
+"""Single games: the same whether or not they are watched, with any policy in either seat."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from apil_core import ApilError, ConfigError, run
 from apil_core.common.seeds import stream_seed
 from apil_core.evaluation.pairing import Pairing, load_pairing
 from apil_core.evaluation.play import play
-from apil_core.evaluation.video.recording import Programme, show
-from apil_core.evaluation.video.single_game import Moment, Spectacle
+from apil_core.evaluation.video.recording import RenderOptions, show
+from apil_core.evaluation.video.single_game import Frame, SingleGames
 from apil_core.training.storage.run_dir import RunDir
 
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    directory = tmp_path_factory.mktemp("spectacle") / "run"
+    directory = tmp_path_factory.mktemp("single") / "run"
     run(small_config("apil", steps=512), out=directory)
     return directory
 
@@ -31,23 +31,23 @@ def pairing(adversary: Path | str = "random", **options: object) -> Pairing:
 
 
 @pytest.mark.parametrize("who", ["random", "run"])
-def test_a_game_is_the_same_with_and_without_spectators(trained: Path, who: str) -> None:
-    spectacle = Spectacle(pairing(trained if who == "run" else who), seed=5)
-    seen: list[Moment] = []
-    watched = spectacle.play(3, seen.append)
-    assert [moment.step for moment in seen] == list(range(watched.steps + 1))
+def test_a_game_is_the_same_whether_or_not_it_is_watched(trained: Path, who: str) -> None:
+    single = SingleGames(pairing(trained if who == "run" else who), seed=5)
+    seen: list[Frame] = []
+    watched = single.play(3, seen.append)
+    assert [frame.step for frame in seen] == list(range(watched.steps + 1))
     assert seen[-1].ended == watched
-    assert all(moment.ended is None for moment in seen[:-1])
+    assert all(frame.ended is None for frame in seen[:-1])
     assert seen[-1].seconds == pytest.approx(0.05 * watched.steps)
-    other = spectacle.play(1)
+    other = single.play(1)
     assert other.adversary_return != watched.adversary_return
-    assert spectacle.play(3) == watched
-    assert Spectacle(pairing(trained if who == "run" else who), seed=5).play(3) == watched
+    assert single.play(3) == watched
+    assert SingleGames(pairing(trained if who == "run" else who), seed=5).play(3) == watched
 
 
 def test_outcome_and_returns_are_the_games_own() -> None:
     ours = pairing("random")
-    played = Spectacle(ours, seed=2).play(1)
+    played = SingleGames(ours, seed=2).play(1)
     seed = stream_seed(2, "game 1")
     ours.game.seed(seed)
     tally = play(ours.game, ours.players(seed), 1)
@@ -61,14 +61,14 @@ def test_outcome_and_returns_are_the_games_own() -> None:
 
 def test_find_gives_the_first_that_ends_so() -> None:
     # about the time the evader needs to its gate
-    spectacle = Spectacle(pairing("random", sets=["game.max_steps=40"]), seed=0)
-    outcomes = [spectacle.play(number).outcome for number in range(1, 13)]
+    single = SingleGames(pairing("random", sets=["game.max_steps=40"]), seed=0)
+    outcomes = [single.play(number).outcome for number in range(1, 13)]
     assert len(set(outcomes)) > 1, outcomes
     for outcome in set(outcomes):
-        found = spectacle.find(outcome, 12)
+        found = single.find(outcome, 12)
         assert found is not None
         assert found.number == outcomes.index(outcome) + 1
-    assert spectacle.find(outcomes[-1], 0) is None
+    assert single.find(outcomes[-1], 0) is None
 
 
 def test_short_names_take_the_seats_sizes() -> None:
@@ -82,7 +82,7 @@ def test_a_run_can_sit_in_the_seat_it_trained(trained: Path, tmp_path: Path) -> 
     run(small_config("adrl", steps=512, victim="baseline:random/7x2", victim_side=1), out=other)
     ours = pairing(trained, victim=str(other))
     assert ours.victim.info.name == f"run:{RunDir(other).newest_checkpoint()}"
-    assert Spectacle(ours, seed=0).play(1).steps > 0
+    assert SingleGames(ours, seed=0).play(1).steps > 0
     with pytest.raises(ConfigError, match=r"trained the pursuer of toy-pursuit; it cannot be the evader"):
         pairing("random", victim=str(trained))
 
@@ -96,7 +96,7 @@ def test_a_policy_that_does_not_repeat_itself_is_noticed(tmp_path: Path) -> None
 
     seeds = iter(np.random.default_rng(0).integers(0, 10**9, 10_000).tolist())
     ours.adversary.act = restless  # type: ignore[method-assign]
-    programme = Programme(snapshots=2, strip=tmp_path / "strip.png", width=40, height=30)
+    options = RenderOptions(snapshots=2, contact_sheet=tmp_path / "sheet.png", width=40, height=30)
     with pytest.raises(ApilError, match="went another way when played again"):
-        show(ours, programme)
+        show(ours, options)
     assert not list(tmp_path.iterdir())

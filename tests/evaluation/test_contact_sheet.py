@@ -1,7 +1,8 @@
-"""Strips of snapshots and what is written into pictures."""
+"""Contact sheets and what is written into pictures."""
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,10 @@ from PIL import Image
 
 from apil_core import ApilError
 from apil_core.common import colours
-from apil_core.evaluation.video import overlay as caption
-from apil_core.evaluation.video.contact_sheet import Strip, check_strip, chosen_steps
-from apil_core.evaluation.video.overlay import Cast, Score
-from apil_core.evaluation.video.single_game import Moment, Outcome, PlayedGame
+from apil_core.evaluation.video import overlay
+from apil_core.evaluation.video.contact_sheet import check_contact_sheet, chosen_steps, lay_out
+from apil_core.evaluation.video.overlay import OverlayText
+from apil_core.evaluation.video.single_game import Frame, Outcome, PlayedGame
 
 
 def ended(outcome: Outcome) -> PlayedGame:
@@ -22,8 +23,8 @@ def ended(outcome: Outcome) -> PlayedGame:
     )
 
 
-def cast(score: Score, name: str = "evader, zoo:x") -> Cast:
-    return Cast(name, "pursuer, run:y", 2, score)
+def overlay_text(score: Counter[Outcome], name: str = "evader, zoo:x") -> OverlayText:
+    return OverlayText(name, "pursuer, run:y", 2, score)
 
 
 @pytest.mark.parametrize(
@@ -36,19 +37,17 @@ def test_snapshots_are_spread_evenly_and_end_at_the_end(
     assert chosen_steps(steps, snapshots) == chosen
 
 
-def test_a_strip_has_a_row_for_every_game(tmp_path: Path) -> None:
-    strip = Strip(3)
-    for shades in ((10, 20, 30), (40, 50)):  # a short game has fewer steps than snapshots
-        strip.begin()
-        for shade in shades:
-            strip.add(Image.new("RGB", (80, 60), (shade, shade, shade)))
-    strip.save(tmp_path / "strip.png", cast(Score(win=1, loss=1)))
-    picture = np.asarray(Image.open(tmp_path / "strip.png"))
-    board = picture.shape[0] - (2 * 60 + 4)
+def test_a_contact_sheet_has_a_row_for_every_game() -> None:
+    rows = [
+        [Image.new("RGB", (80, 60), (shade, shade, shade)) for shade in shades]
+        for shades in ((10, 20, 30), (40, 50))  # a short game has fewer steps than snapshots
+    ]
+    picture = np.asarray(lay_out(rows, overlay_text(Counter(win=1, loss=1))))
+    header = picture.shape[0] - (2 * 60 + 4)
     assert picture.shape[1] == 3 * 80 + 2 * 4
-    assert 8 < board < 40
+    assert 8 < header < 40
     shown = [
-        [int(picture[board + 30 + 64 * row, 40 + 84 * column, 0]) for column in range(3)] for row in (0, 1)
+        [int(picture[header + 30 + 64 * row, 40 + 84 * column, 0]) for column in range(3)] for row in (0, 1)
     ]
     assert shown == [[10, 20, 30], [40, 50, 255]]
     assert tuple(picture[2, 0]) == colours.VICTIM
@@ -58,15 +57,15 @@ def test_a_strip_has_a_row_for_every_game(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "snapshots", "message"),
     [
-        ("strip.gif", 3, r"\.png"),
-        ("strip.png", 0, "1 to 50, got 0"),
-        ("strip.png", 51, "got 51"),
-        ("strip.webp", 40, "19356 × 320 pixels is too large"),
+        ("sheet.gif", 3, r"\.png"),
+        ("sheet.png", 0, "1 to 50, got 0"),
+        ("sheet.png", 51, "got 51"),
+        ("sheet.webp", 40, "19356 × 320 pixels is too large"),
     ],
 )
 def test_what_cannot_be_written_is_said_before(name: str, snapshots: int, message: str) -> None:
     with pytest.raises(ApilError, match=message):
-        check_strip(Path(name), snapshots, 1, (480, 320))
+        check_contact_sheet(Path(name), snapshots, 1, (480, 320))
 
 
 @pytest.mark.parametrize(
@@ -74,7 +73,7 @@ def test_what_cannot_be_written_is_said_before(name: str, snapshots: int, messag
 )
 def test_the_banner_has_the_winners_colour(outcome: Outcome, colour: tuple[int, int, int]) -> None:
     picture = Image.new("RGB", (320, 180), colour)
-    caption.banner(picture, ended(outcome))
+    overlay.banner(picture, ended(outcome))
     pixels = np.asarray(picture).reshape(-1, 3)
     white = (pixels.min(1) > 230).sum()
     assert white > 20, "the text"
@@ -88,22 +87,22 @@ def test_colours_go_by_role() -> None:
 
 
 @pytest.mark.parametrize("width", [2, 40, 200, 960])
-def test_long_names_stay_on_their_half_of_the_board(width: int) -> None:
-    line = caption.board(width, 16, cast(Score(), "a name far too long to fit " * 9)).convert("RGB")
+def test_long_names_stay_on_their_half_of_the_header(width: int) -> None:
+    line = overlay.header(width, 16, overlay_text(Counter(), "a name far too long to fit " * 9)).convert(
+        "RGB"
+    )
     assert line.width == width
     middle = np.asarray(line)[:, width // 2 + 20 :]
     assert width < 200 or middle.max() > 100, "the adversary's name"
 
 
 def test_a_window_says_all_in_words() -> None:
-    score = Score()
-    for outcome in ("win", "tie", "win", "loss"):
-        score.add(outcome)  # type: ignore[arg-type]
-    text = cast(score).text(Moment(2, 10, 0.5))
+    score: Counter[Outcome] = Counter(win=2, tie=1, loss=1)
+    text = overlay_text(score).all(Frame(2, 10, 0.5))
     assert text.splitlines() == [
         "victim (blue): evader, zoo:x",
         "adversary (red): pursuer, run:y",
         "victim 1 : 2 adversary, ties 1",
         "game 2, 0.50 s, step 10",
     ]
-    assert cast(score).text(Moment(2, 9, 0.45, ended("loss"))).endswith("victim wins: time-up")
+    assert overlay_text(score).all(Frame(2, 9, 0.45, ended("loss"))).endswith("victim wins: time-up")
