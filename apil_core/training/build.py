@@ -141,14 +141,7 @@ def build(
     seed = world.seed(config.seed)
     spec = game_spec(config.env, plugins)
     torch.manual_seed(config.seed)
-    game = make_game(
-        config.env,
-        num_envs=config.num_envs,
-        threads=world.threads(config.threads),
-        options=config.game,
-        plugins=plugins,
-    )
-    game.seed(stream_seed(seed, "training games"))
+    game = seeded_games(config, plugins, world, "training games")
     attacked = victim_side(config, plugins)
     victim = run_victim(config, game, plugins, seed)
     config = pinned(config, victim)
@@ -171,12 +164,25 @@ def build(
         example = env.get_observations()
     seat = game.layout.sides[1 - attacked]
     actor = Actor(builder.sizes, seat.action_size, config.ppo, seat.action_limit)
-    learner = Learner(actor, example, config.ppo, device, world, game.layout.max_steps)
+    learner = Learner(actor, example, env.buffer, config.ppo, device, world, game.layout.max_steps)
     if not world.is_main:  # the networks are made: from here on, draws of its own
         torch.manual_seed(seed)
     return Attack(
         config, game, victim, 1 - attacked, methods, hooks, builder, streams, env, actor, learner, world
     )
+
+
+def seeded_games(config: RunConfig, plugins: PluginRegistry, world: World, stream: str) -> Game:
+    """This process's games of a run, which draw from the random stream of that name."""
+    game = make_game(
+        config.env,
+        num_envs=config.num_envs,
+        threads=world.threads(config.threads),
+        options=config.game,
+        plugins=plugins,
+    )
+    game.seed(stream_seed(world.seed(config.seed), stream))
+    return game
 
 
 def method_setup(

@@ -28,6 +28,7 @@ from apil_core.training.exploration import make_noise
 from apil_core.training.networks import mlp
 from apil_core.training.ppo_storage import LatentModel, PPOStorage
 from apil_core.training.returns import gae
+from apil_core.training.rollout_buffer import RolloutBuffer
 
 _ADAM_EPSILON = 1e-5
 MAIN_STREAM = "reward"
@@ -116,6 +117,7 @@ class Learner:
     Args:
         actor: the policy to train.
         example: normalised observations of all games, for shapes, batch (num_envs,).
+        rollout: which the environment writes.
         config: PPO's settings.
         device: of the networks.
         world: processes whose gradients are averaged.
@@ -126,6 +128,7 @@ class Learner:
         self,
         actor: Actor,
         example: TensorDict,
+        rollout: RolloutBuffer,
         config: PPOConfig,
         device: torch.device,
         world: World = ALONE,
@@ -137,7 +140,7 @@ class Learner:
         self.actor = actor.to(device)
         self._example = example[:1].clone()
         action_size = actor.model.distribution.output_dim
-        self.storage = PPOStorage(example, config.num_steps, action_size, device)
+        self.storage = PPOStorage(example, rollout, action_size, device)
         self.ppo = PPO(
             actor.model,
             _model(example, 1, config),
@@ -180,12 +183,11 @@ class Learner:
             action = torch.normal(mean, self.actor.std.expand_as(mean))
         else:  # densities are taken as if it were white: a bias accepted for the exploration it buys
             action = mean + self.actor.std * self.noise.draw()
-        self.storage.keep_action(mean, action)
+        self.storage.keep_mean(mean)
         return action
 
-    def record(self, reward: Tensor, done: Tensor) -> None:
-        """Store how the step that :meth:`act` began went: normalised reward (n,) and end flags (n,)."""
-        self.storage.keep_outcome(reward, done)
+    def ended(self, done: Tensor) -> None:
+        """Forget the exploration noise of the games that ended with the step, (n,) bool."""
         if self.noise is not None:
             self.noise.renew(done)
 
@@ -287,7 +289,7 @@ class Learner:
             self._stream_critic(name).model.load_state_dict(critic["model"])
 
     def _gae(self, rewards: Tensor, values: Tensor, next_value: Tensor) -> Tensor:
-        done = self.storage.dones[..., 0].bool()
+        done = self.storage.dones[..., 0]
         return gae(rewards, values, next_value, done, gamma=self.config.gamma, lam=self.config.lam)
 
     def _stream_critic(self, name: str) -> StreamCritic:

@@ -11,6 +11,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from apil_core.api.types import PRIVILEGED_GROUP
+from apil_core.training.rollout_buffer import RolloutBuffer
 
 LATENT = "latent"
 """Name under which the storage keeps all observation groups side by side."""
@@ -33,7 +34,9 @@ class LatentModel(MLPModel):
 
 
 class PPOStorage(RolloutStorage):
-    """The transitions of one rollout, T steps of n games, written in place.
+    """One rollout, T steps of n games, with what PPO alone needs: joined observations, means, values.
+
+    Actions, rewards and ends are those of the rollout that hooks read, in the same memory.
 
     Attributes:
         means: of the distributions the actions were drawn from, (T, n, a).
@@ -42,17 +45,22 @@ class PPOStorage(RolloutStorage):
 
     Args:
         example: normalised observation groups of all games, batch (n,); the critics' own may be among them.
-        num_steps: T.
+        rollout: written by the environment, one step after each :meth:`next_latent`.
         action_size: a.
         device: of the tensors.
     """
 
-    def __init__(self, example: TensorDict, num_steps: int, action_size: int, device: torch.device):
+    def __init__(self, example: TensorDict, rollout: RolloutBuffer, action_size: int, device: torch.device):
         joined = torch.cat(_groups(example), dim=-1)
         observations = TensorDict({LATENT: joined}, batch_size=example.batch_size, device=device)
         if PRIVILEGED_GROUP in example.keys():  # noqa: SIM118
             observations[PRIVILEGED_GROUP] = example[PRIVILEGED_GROUP]
-        super().__init__("rl", len(joined), num_steps, observations, [action_size], device=str(device))
+        steps = rollout.num_steps
+        super().__init__("rl", len(joined), steps, observations, [action_size], device=str(device))
+        row = torch.zeros(len(joined), device=device)
+        self.actions: Tensor = rollout.column("action", row.unsqueeze(-1).repeat(1, action_size))
+        self.rewards: Tensor = rollout.column("shaped_reward", row).unsqueeze(-1)
+        self.dones: Tensor = rollout.column("done", row.bool()).unsqueeze(-1)
         self.means = torch.zeros_like(self.actions)
         self.goes_on: Callable[[], bool] = lambda: True
         self.passes = 0
@@ -67,15 +75,9 @@ class PPOStorage(RolloutStorage):
         torch.cat(_groups(observations), dim=-1, out=latent)
         return latent
 
-    def keep_action(self, mean: Tensor, action: Tensor) -> None:
-        """Store the mean of the action's distribution and what was drawn from it, both (n, a)."""
+    def keep_mean(self, mean: Tensor) -> None:
+        """Store the mean of the action's distribution, (n, a), and go on to the next step."""
         self.means[self.step].copy_(mean)
-        self.actions[self.step].copy_(action)
-
-    def keep_outcome(self, reward: Tensor, done: Tensor) -> None:
-        """Store reward (n,) and end flags (n,) and go on to the next step."""
-        self.rewards[self.step, :, 0].copy_(reward)
-        self.dones[self.step, :, 0].copy_(done)
         self.step += 1
 
     def keep_log_prob(self, std: Tensor) -> None:

@@ -1,4 +1,4 @@
-"""Preallocated storage of one iteration's transitions, handed to hooks as a :class:`Rollout`."""
+"""One iteration's transitions in memory: hooks read them as a :class:`Rollout`, PPO through its storage."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _FIELDS = (
 
 
 class RolloutBuffer:
-    """Writes steps in place; the same memory serves every iteration.
+    """Columns of T steps, written in place; the same memory serves every iteration.
 
     Args:
         num_steps: rollout length T.
@@ -41,17 +41,20 @@ class RolloutBuffer:
         if self._length == self.num_steps:
             self._length = 0  # a foreign runner never asks for rollouts: keep the newest
         t = self._length
-        for name in _FIELDS:
-            self._put(self._data, name, t, getattr(step, name))
-        self._put(self._data, "shaped_reward", t, shaped)
+        rows = {name: getattr(step, name) for name in _FIELDS} | {"shaped_reward": shaped}
         if step.victim_distribution is not None:
-            self._put(self._data, "victim_mean", t, step.victim_distribution.mean)
-            std = step.victim_distribution.std
-            self._put(self._data, "victim_std", t, std.expand_as(step.victim_distribution.mean))
+            mean, std = step.victim_distribution.mean, step.victim_distribution.std
+            rows |= {"victim_mean": mean, "victim_std": std.expand_as(mean)}
+        for name, value in rows.items():
+            self.column(name, value)[t].copy_(value)
         for name, value in groups.items():
             if name != OWN_GROUP:  # that is ``observation``
-                self._put(self._groups, name, t, value)
+                self._column(self._groups, name, value)[t].copy_(value)
         self._length += 1
+
+    def column(self, name: str, row: Tensor) -> Tensor:
+        """All steps of one of a rollout's fields, (T, n, ...), made for rows like that one if it is new."""
+        return self._column(self._data, name, row)
 
     def finish(
         self, next_observation: Tensor, next_victim_observation: Tensor, next_groups: Mapping[str, Tensor]
@@ -69,14 +72,12 @@ class RolloutBuffer:
             next_groups={name: _trainable(v) for name, v in next_groups.items() if name != OWN_GROUP},
         )
 
-    def _put(self, store: dict[str, Tensor], name: str, t: int, value: Tensor) -> None:
+    def _column(self, store: dict[str, Tensor], name: str, row: Tensor) -> Tensor:
         if name not in store:
             # not an inference tensor, whatever mode the caller is in: hooks train on these
             with torch.inference_mode(False):
-                store[name] = torch.zeros(
-                    (self.num_steps, *value.shape), dtype=value.dtype, device=value.device
-                )
-        store[name][t].copy_(value)
+                store[name] = torch.zeros((self.num_steps, *row.shape), dtype=row.dtype, device=row.device)
+        return store[name]
 
 
 def _trainable(value: Tensor) -> Tensor:

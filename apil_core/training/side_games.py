@@ -8,11 +8,9 @@ import torch
 
 from apil_core.api.policy import Policy
 from apil_core.api.types import Rollout
-from apil_core.common.seeds import stream_seed
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.plugins.registry import make_game
 from apil_core.training.attack_env import AttackEnv
-from apil_core.training.build import Attack
+from apil_core.training.build import Attack, seeded_games
 from apil_core.training.rollout_buffer import RolloutBuffer
 
 
@@ -60,16 +58,8 @@ class SideGames:
 
     def _build(self, policy: Policy) -> AttackEnv:
         attack, config = self._attack, self._attack.config
-        game = make_game(
-            config.env,
-            num_envs=config.num_envs,
-            threads=attack.world.threads(config.threads),
-            options=config.game,
-            plugins=self._plugins,
-        )
-        game.seed(stream_seed(attack.world.seed(config.seed), "side games"))
         env = AttackEnv(
-            game,
+            seeded_games(config, self._plugins, attack.world, "side games"),
             policy,
             attack.builder,
             attack.hooks,

@@ -19,11 +19,11 @@ from apil_core.common.torch_threads import side_by_side
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.hook_manager import shown
 from apil_core.training.build import Attack
-from apil_core.training.distributed.merging import merged
 from apil_core.training.distributed.replicas import Replicas
 from apil_core.training.plugin_state import load_known_states, load_states, states_of
 from apil_core.training.ppo import MAIN_STREAM
 from apil_core.training.side_games import SideGames
+from apil_core.training.storage.metrics_log import over_processes
 
 
 class Trainer:
@@ -88,7 +88,7 @@ class Trainer:
         self.wall_seconds += end - begin
         metrics.update(self.attack.env.stats.metrics())
         if self.world.size > 1:
-            metrics = merged(self.world.gather(metrics))
+            metrics = over_processes(self.world.gather(metrics))
         metrics.update(
             iteration=self.iteration,
             steps=self.steps,
@@ -111,8 +111,8 @@ class Trainer:
             observations = env.get_observations()
             for _ in range(self.config.ppo.num_steps):
                 actions = learner.act(observations)
-                observations, reward, done, _ = env.step(actions)
-                learner.record(reward, done)
+                observations, _, done, _ = env.step(actions)
+                learner.ended(done)
 
     def _learn(self, rollout: Rollout, actor_fixed: bool) -> dict[str, float]:
         hooks, learner = self.attack.hooks, self.attack.learner

@@ -12,12 +12,12 @@ from helpers.small_runs import differences, leaves, small_config
 
 from apil_core import ConfigError, RunDirError, evaluate, resume
 from apil_core.config.resolve import dump_yaml
-from apil_core.training.distributed.merging import merged
 from apil_core.training.distributed.moments import pooled
 from apil_core.training.distributed.replicas import averaged, parts
 from apil_core.training.distributed.world import World
 from apil_core.training.normalize import ObservationNormalizer, ReturnNormalizer, RunningMoments
 from apil_core.training.storage import checkpoint
+from apil_core.training.storage.metrics_log import over_processes
 from apil_core.training.storage.run_dir import RunDir, part_of_rank
 from training.test_resume import lines, wait_for_checkpoint
 from training.together import torchrun, train
@@ -258,7 +258,7 @@ def test_merging_metrics_by_hand():
         {"games": 3, "cause/goal": 2, "window_wins": 5, "return/victim": 8.0, "ppo/kl": 0.3, "x/y": 1.0},
         {"games": 0, "cause/goal": 0, "window_wins": 0, "ppo/kl": 0.2},
     ]
-    assert merged(rows) == pytest.approx(
+    assert over_processes(rows) == pytest.approx(
         {"games": 4, "cause/goal": 3, "window_wins": 7, "return/victim": 7.0, "ppo/kl": 0.2, "x/y": 1.0}
     )
 

@@ -21,6 +21,7 @@ from apil_core.training.attack_env import AttackEnv
 from apil_core.training.build import build
 from apil_core.training.ppo import Actor, Learner
 from apil_core.training.ppo_storage import LATENT, PPOStorage
+from apil_core.training.rollout_buffer import RolloutBuffer
 from apil_core.training.storage import checkpoint
 from apil_core.training.trainer import Trainer
 
@@ -30,14 +31,20 @@ def small_learner(**ppo):
     config = small_config(ppo={"num_steps": 4, "epochs": 2, "minibatches": 2, **ppo}).ppo
     example = TensorDict({"own": torch.randn(8, 3), "extra": torch.randn(8, 2)}, batch_size=[8])
     actor = Actor({"own": 3, "extra": 2}, 2, config)
-    return Learner(actor, example, config, torch.device("cpu")), example
+    return Learner(actor, example, RolloutBuffer(4), config, torch.device("cpu")), example
 
 
 def roll(learner, example, reward=None):
     for t in range(learner.config.num_steps):
         action = learner.act(example)
         value = torch.randn(8) if reward is None else reward(action)
-        learner.record(value, torch.full((8,), t % 2 == 1))
+        write(learner, t, action, value, torch.full((8,), t % 2 == 1))
+
+
+def write(learner, t, action, reward, done):
+    """What the environment does with an action."""
+    storage = learner.storage
+    storage.actions[t], storage.rewards[t, :, 0], storage.dones[t, :, 0] = action, reward, done
 
 
 def test_settings_that_differ_from_rsl_rls_defaults():
@@ -90,6 +97,10 @@ def test_a_rollout_tells_what_the_adversarys_actions_were_drawn_from():
     trainer.iterate()
     ((rollout, std),) = seen
     storage = attack.learner.storage
+    for ours, theirs in (("action", "actions"), ("shaped_reward", "rewards"), ("done", "dones")):
+        assert getattr(rollout, ours).data_ptr() == getattr(storage, theirs).data_ptr(), (
+            "one rollout, two views"
+        )
     assert rollout.action_mean.shape == rollout.action_std.shape == rollout.action.shape
     assert torch.equal(
         rollout.action_std, std.expand_as(rollout.action)
@@ -126,7 +137,7 @@ def test_the_rollout_keeps_what_the_networks_said_in_each_step():
         observations = example.apply(lambda value, t=t: value + t)
         seen.append(observations)
         actions.append(learner.act(observations))
-        learner.record(torch.zeros(8), torch.zeros(8, dtype=torch.bool))
+        write(learner, t, actions[-1], torch.zeros(8), torch.zeros(8, dtype=torch.bool))
     learner.advantages(example, {})
     for t in range(4):
         torch.testing.assert_close(learner.storage.values[t], learner.ppo.critic(seen[t]))
@@ -137,7 +148,9 @@ def test_the_rollout_keeps_what_the_networks_said_in_each_step():
 def test_a_method_may_call_a_group_latent():
     config = small_config(ppo={"num_steps": 4, "epochs": 1, "minibatches": 2}).ppo
     example = TensorDict({"own": torch.randn(8, 3), LATENT: torch.randn(8, 2)}, batch_size=[8])
-    learner = Learner(Actor({"own": 3, LATENT: 2}, 2, config), example, config, torch.device("cpu"))
+    learner = Learner(
+        Actor({"own": 3, LATENT: 2}, 2, config), example, RolloutBuffer(4), config, torch.device("cpu")
+    )
     roll(learner, example)
     advantages = learner.advantages(example, {})["reward"]
     learner.update(advantages, as_given=False, learning_rate=1e-3)

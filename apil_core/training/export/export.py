@@ -25,6 +25,7 @@ from apil_core.common.extras import need
 from apil_core.common.files import write_atomically
 from apil_core.common.seeds import stream_seed
 from apil_core.config.absent import completed
+from apil_core.games.two_players import TwoPlayerGames
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import load_policy, make_game, plugins_with
 from apil_core.policies.seats import victim_side
@@ -205,17 +206,13 @@ def _physics(game: Game) -> dict[str, str]:
 def _views(game: Game, side: int) -> list[View]:
     """What the adversary sees in real games in which both sides act at random."""
     generator = torch.Generator().manual_seed(stream_seed(0, "export"))
-    sizes = [seat.action_size for seat in game.layout.sides]
     game.seed(stream_seed(0, "export games"))
-    game.reset()
-    first = torch.ones(game.num_envs, dtype=torch.bool)
-    views = []
+    games, views = TwoPlayerGames(game), []
+    games.reset()
     for _ in range(_STEPS):
-        own, opponent = (torch.from_numpy(game.observations[s].copy()) for s in (side, 1 - side))
-        actions = [torch.randn(game.num_envs, size, generator=generator) for size in sizes]
-        views.append(View(own, opponent, first.clone(), actions[1 - side]))
-        step = game.step((actions[0].numpy(), actions[1].numpy()))
-        first = torch.from_numpy(step.done.copy())
-        if first.any():
-            game.reset(step.done.copy())
+        sizes = enumerate(seat.action_size for seat in game.layout.sides)
+        actions = {i: torch.randn(game.num_envs, size, generator=generator) for i, size in sizes}
+        view = games.view(side, actions[1 - side])
+        views.append(View(view.own.clone(), view.opponent.clone(), view.first, view.opponent_action))
+        games.reset(games.step(actions).done)
     return views

@@ -172,6 +172,23 @@ def merged(rows: Sequence[Row]) -> Row:
     }
 
 
+def over_processes(rows: Sequence[Mapping[str, float]]) -> Row:
+    """One row for an iteration of several processes, from one row of each.
+
+    Counts of games are added, means over ended games weighted by their number, all others averaged where they
+    are finite.
+    """
+
+    def value(name: str, rows: Sequence[Mapping[str, float]]) -> float:
+        if name in ("games", "games_total") or name.startswith(("window_", "cause/")):
+            return sum(row[name] for row in rows)
+        per_game = name.startswith(_PER_GAME)
+        return _mean([(row[name], row["games"] if per_game else 1.0) for row in rows])
+
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {name: value(name, [row for row in rows if name in row]) for name in names}
+
+
 def _value(name: str, rows: Sequence[Row]) -> float:
     if name in _SUMMED or name.startswith("cause/"):
         return sum(row[name] for row in rows)
