@@ -75,12 +75,8 @@ def fidelity(
     with make_progress(quiet=quiet) as progress:
         rows = play_rows(plan.rows, plugins=plugins, threads=threads, progress=progress, file=file)
     if as_json:
-        print_json(
-            {
-                name: [x.model_dump(mode="json") for x in listed]
-                for name, listed in (("rows", rows), ("skipped", plan.skipped))
-            }
-        )
+        listed = {"rows": rows, "skipped": plan.skipped}
+        print_json({name: [x.model_dump(mode="json") for x in found] for name, found in listed.items()})
     else:
         _print(rows, plan.skipped)
     return WEIGHTS_MISSING if plan.skipped and not rows else 0

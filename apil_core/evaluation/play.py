@@ -21,7 +21,7 @@ class Seat:
     """One player of a pairing.
 
     Attributes:
-        policy: who plays.
+        policy: of the seat.
         sample: draw actions, or take the mode.
         generator: source of the draws.
     """
@@ -33,7 +33,7 @@ class Seat:
 
 @dataclass
 class Players:
-    """Both players, and what stands between the game and their eyes.
+    """Both players, and what filters what they see of the game.
 
     Attributes:
         seats: of side 0 and 1.
@@ -72,7 +72,7 @@ class Players:
 
 
 @dataclass
-class Tally:
+class EpisodeCounts:
     """How the games ended. Side indices as in the game.
 
     Attributes:
@@ -89,7 +89,7 @@ class Tally:
 @torch.inference_mode()
 def play(
     game: Game, players: Players, episodes: int, on_progress: Callable[[int], None] | None = None
-) -> Tally:
+) -> EpisodeCounts:
     """Play exactly ``episodes`` games and count how they ended.
 
     Games are handed to free slots in order until ``episodes`` have been started, and every started
@@ -101,7 +101,7 @@ def play(
         episodes: number of games.
         on_progress: called with the number of ended games whenever it grows.
     """
-    tally = Tally()
+    counts = EpisodeCounts()
     slots = np.arange(game.num_envs)
     active = slots < episodes
     started = int(active.sum())
@@ -111,16 +111,16 @@ def play(
         done = np.logical_and(step.done, active)
         if not done.any():
             continue
-        tally.winners += step.winner[done].tolist()
-        tally.causes += step.cause[done].tolist()
-        tally.lengths += step.lengths[done].tolist()
+        counts.winners += step.winner[done].tolist()
+        counts.causes += step.cause[done].tolist()
+        counts.lengths += step.lengths[done].tolist()
         again = done & (np.cumsum(done) <= episodes - started)
         started += int(again.sum())
         active &= ~done | again
         games.reset(again)
         if on_progress is not None:
-            on_progress(len(tally.winners))
-    return tally
+            on_progress(len(counts.winners))
+    return counts
 
 
 @dataclass(frozen=True)

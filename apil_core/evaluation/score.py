@@ -14,7 +14,7 @@ from apil_core.common.seeds import stream_seed
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.evaluation.blinding import check_blinding, make_blinding
 from apil_core.evaluation.pairing import Pairing, PairingOptions, circumstances, load_pairing
-from apil_core.evaluation.play import Tally, play
+from apil_core.evaluation.play import EpisodeCounts, play
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult, wilson
 
@@ -24,7 +24,6 @@ MAX_PARALLEL_GAMES = 128
 
 def score(
     pairing: Pairing,
-    *,
     episodes: int,
     seed: int,
     blind: BlindMode | None = None,
@@ -52,9 +51,11 @@ def score(
     if blind_victim is not None:
         players.blinding[1 - side] = make_blinding(pairing, blind_victim, 1 - side)
     pairing.game.seed(stream_seed(seed, "evaluation games"))
-    tally = play(pairing.game, players, episodes, lambda ended: progress.evaluation_progress(ended, episodes))
+    counts = play(
+        pairing.game, players, episodes, lambda ended: progress.evaluation_progress(ended, episodes)
+    )
     return EvaluationResult(
-        **_counts(tally, pairing.game, pairing.side),
+        **_rates(counts, pairing.game, pairing.side),
         **circumstances(pairing, seed),
         blind=blind,
         blind_imitator=blind_imitator,
@@ -63,11 +64,11 @@ def score(
     )
 
 
-def _counts(tally: Tally, game: Game, adversary_side: int) -> dict[str, Any]:
-    winners = Counter(tally.winners)
+def _rates(counts: EpisodeCounts, game: Game, adversary_side: int) -> dict[str, Any]:
+    winners = Counter(counts.winners)
     wins, losses = winners[adversary_side], winners[1 - adversary_side]
-    total = len(tally.winners)
-    causes = Counter(tally.causes)
+    total = len(counts.winners)
+    causes = Counter(counts.causes)
     return {
         "episodes": total,
         "wins": wins,
@@ -78,7 +79,7 @@ def _counts(tally: Tally, game: Game, adversary_side: int) -> dict[str, Any]:
         "loss_rate": wilson(losses, total),
         "win_or_tie_rate": wilson(total - losses, total),
         "causes": {name: causes[i] for i, name in enumerate(game.layout.causes) if causes[i]},
-        "mean_length": sum(tally.lengths) / total,
+        "mean_length": sum(counts.lengths) / total,
     }
 
 
@@ -101,12 +102,10 @@ def evaluate(
         episodes: number of games.
         seed: of the games and all draws.
         num_envs: games in parallel (part of what a seed means); default 128 or ``episodes``.
-        blind: hide the opponent from the adversary: ``"zeros"``, or ``"initial"``, the mean of
-            many starting states.
+        blind: hide the opponent from the adversary: ``"zeros"``, or ``"initial"``, the mean of many starts.
         blind_imitator: hide the opponent's observation and action from its methods too.
-        blind_victim: hide the adversary from the victim, likewise: what then is still won was not won by
-            what the victim saw of its adversary.
-        progress: told of the games played.
+        blind_victim: hide the adversary from the victim, likewise.
+        progress: called as games end.
         options: ``env``, ``victim``, ``victim_actions``, ``game_options`` and the like: see
             :func:`apil_core.evaluation.pairing.load_pairing`.
 
@@ -123,12 +122,4 @@ def evaluate(
         one_torch_thread(),
         pairing.attribution(),
     ):
-        return score(
-            pairing,
-            episodes=episodes,
-            seed=seed,
-            blind=blind,
-            blind_imitator=blind_imitator,
-            blind_victim=blind_victim,
-            progress=progress,
-        )
+        return score(pairing, episodes, seed, blind, blind_imitator, blind_victim, progress)
