@@ -75,8 +75,8 @@ def fidelity(
     with make_progress(quiet=quiet) as progress:
         rows = play_rows(plan.rows, plugins=plugins, threads=threads, progress=progress, file=file)
     if as_json:
-        listed = {"rows": rows, "skipped": plan.skipped}
-        print_json({name: [x.model_dump(mode="json") for x in found] for name, found in listed.items()})
+        skipped = [matchup.model_dump(mode="json") for matchup in plan.skipped]
+        print_json({"rows": [row.model_dump(mode="json") for row in rows], "skipped": skipped})
     else:
         _print(rows, plan.skipped)
     return WEIGHTS_MISSING if plan.skipped and not rows else 0
