@@ -8,19 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from contextlib import nullcontext
-from typing import TYPE_CHECKING
 
 from apil_core.common.errors import UnknownNameError, VictimError
 from apil_core.evaluation.fidelity.plan import RowPlan
+from apil_core.evaluation.fidelity.rows import FidelityFile, FidelityRow
 from apil_core.evaluation.progress import Progress
-from apil_core.evaluation.results import EvaluationResult
 from apil_core.evaluation.score import evaluate
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import load_policy
 
-if TYPE_CHECKING:
-    from apil_core.evaluation.fidelity.rows import FidelityFile
-from apil_core.evaluation.fidelity.rows import FidelityRow
+_ASKED = {"adversary", "victim", "env", "episodes", "adversary_actions", "victim_actions", "seed", "num_envs"}
+"""Fields of a plan that are arguments of an evaluation."""
 
 
 def missing_policy(plugins: PluginRegistry) -> Callable[[str], str | None]:
@@ -50,7 +48,7 @@ def play_rows(
         plans: in the order of playing.
         plugins: know the games and the policies.
         threads: physics threads (0: all CPUs); never changes the result.
-        progress: told of the games played and of each finished row.
+        progress: called as games end, and with a note of each finished row.
         file: where rows are kept and taken from.
 
     Raises:
@@ -63,29 +61,14 @@ def play_rows(
         for plan in plans:
             if plan.identity in rows:
                 continue
-            row = FidelityRow(plan=plan, result=_play(plan, plugins, threads, progress))
+            asked = plan.model_dump(include=_ASKED) | {"game_options": plan.options}
+            score = evaluate(**asked, threads=threads, plugins=plugins, progress=progress)
+            row = FidelityRow(plan=plan, result=score)
             if file is not None:
                 file.add(row)
             rows[plan.identity] = row
             progress.note(f"{len(rows)} of {len(plans)} rows: {summary(row)}")
     return [rows[plan.identity] for plan in plans]
-
-
-def _play(plan: RowPlan, plugins: PluginRegistry, threads: int, progress: Progress) -> EvaluationResult:
-    return evaluate(
-        plan.adversary,
-        env=plan.env,
-        victim=plan.victim,
-        episodes=plan.episodes,
-        adversary_actions=plan.adversary_actions,
-        victim_actions=plan.victim_actions,
-        game_options=plan.options,
-        seed=plan.seed,
-        num_envs=plan.num_envs,
-        threads=threads,
-        plugins=plugins,
-        progress=progress,
-    )
 
 
 def summary(row: FidelityRow) -> str:

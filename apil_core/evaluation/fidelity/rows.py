@@ -80,7 +80,7 @@ class FidelityFile:
         write_atomically(self.path, lambda file: file.write(text.encode()))
 
     def _check_same(self, plan: RowPlan, row: FidelityRow, plugins: PluginRegistry) -> None:
-        then, now = _circumstances_then(row), _circumstances_now(plan, plugins)
+        then, now = _played_with(row), _to_play_with(plan, plugins)
         for name, value in then.items():
             if value != now[name]:
                 raise ConfigError(
@@ -100,29 +100,28 @@ def read_rows(path: Path) -> list[FidelityRow]:
     return _read(path)
 
 
-def _circumstances_then(row: FidelityRow) -> dict[str, Any]:
+def _played_with(row: FidelityRow) -> dict[str, Any]:
     result = row.result
-    return {
-        "episodes": result.episodes,
-        "seed": result.seed,
-        "num_envs": result.num_envs,
-        "mujoco": result.versions.get("mujoco"),
-        **{f"game.{name}": value for name, value in result.options_played.items()},
-        "adversary's sha256": result.adversary.sha256,
-        "victim's sha256": result.victim.sha256,
-    }
+    hashes = result.adversary.sha256, result.victim.sha256
+    return _settings(result, result.versions.get("mujoco"), result.options_played, hashes)
 
 
-def _circumstances_now(plan: RowPlan, plugins: PluginRegistry) -> dict[str, Any]:
+def _to_play_with(plan: RowPlan, plugins: PluginRegistry) -> dict[str, Any]:
+    first, second = (load_policy(name, plugins=plugins).info for name in (plan.adversary, plan.victim))
     options = spelt_out(plan.env, plan.options, plugins)
+    return _settings(plan, metadata.version("mujoco"), options, (first.sha256, second.sha256))
+
+
+def _settings(
+    source: RowPlan | EvaluationResult, mujoco: str | None, options: dict[str, Any], hashes: tuple[str, str]
+) -> dict[str, Any]:
+    """What a row's numbers depend on, by the name it has in messages."""
     return {
-        "episodes": plan.episodes,
-        "seed": plan.seed,
-        "num_envs": plan.num_envs,
-        "mujoco": metadata.version("mujoco"),
+        **{name: getattr(source, name) for name in ("episodes", "seed", "num_envs")},
+        "mujoco": mujoco,
         **{f"game.{name}": value for name, value in options.items()},
-        "adversary's sha256": load_policy(plan.adversary, plugins=plugins).info.sha256,
-        "victim's sha256": load_policy(plan.victim, plugins=plugins).info.sha256,
+        "adversary's sha256": hashes[0],
+        "victim's sha256": hashes[1],
     }
 
 
