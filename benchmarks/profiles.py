@@ -46,9 +46,8 @@ class Contestant:
         self.settings = asdict(game_options.resolved)
         game = self.pairing.game
         game.seed(0)
-        game.reset()
         self._players = self.pairing.players(0)
-        self._first = np.ones(num_envs, bool)
+        self._games = self._players.start(game)
         watch = game.physics_stopwatch()
         assert watch is not None
         self._watch = watch
@@ -63,11 +62,8 @@ class Contestant:
 
     @torch.inference_mode()
     def _play(self, steps: int) -> None:
-        game = self.pairing.game
         for _ in range(steps):
-            self._first = game.step(self._players.act(game, self._first)).done.copy()
-            if self._first.any():
-                game.reset(self._first)
+            self._games.reset(self._games.step(self._players.act(self._games)).done)
 
 
 def _pairing(env: str, options: dict[str, Any], num_envs: int, threads: int) -> Pairing:
