@@ -20,12 +20,12 @@ TRIES = 30
 
 
 class RunArtifacts(BaseModel):
-    """What was made; ``None`` where it could not be done, and then ``notes`` says why.
+    """Artifacts of a run; ``None`` where one could not be made, and then ``notes`` says why.
 
     Attributes:
         opponent: score of the game's own opponent of the victim, in the games of the run's own score.
         victim_blinded: the run's against a victim that does not see it: what the adversary wins beyond that,
-            it wins through the victim's eyes.
+            it wins by what the victim sees of it.
         curve, won_game: files.
         notes: what could not be made, and why.
     """

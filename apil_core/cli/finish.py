@@ -1,4 +1,4 @@
-"""What ``apil run`` and ``apil resume`` say and do when a run ends, and their exit code."""
+"""End of ``apil run`` and ``apil resume``: output, artifacts and exit code."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ _WHERE = Group("Where to (a window, unless a file is named)", sort_key=2)
 @Parameter(name="*")
 @dataclass
 class Screen:
-    """Where the games are shown, and how."""
+    """Flags of the video, contact sheet or window."""
 
     video: Annotated[Path | None, Parameter(group=_WHERE, help="Write a video, FILE.mp4.")] = None
     snapshots: Annotated[
@@ -41,7 +41,7 @@ class Screen:
     fps: Annotated[float, Parameter(group=_WHERE, help="About so many frames a second.")] = 30.0
 
     def options(self, **which: Any) -> RenderOptions:
-        """What is to be shown; ``which`` are the other fields of :class:`.recording.RenderOptions`.
+        """Options of the games to show; ``which``: the other fields of :class:`.recording.RenderOptions`.
 
         Raises:
             ConfigError: a file without pictures to write to it.

@@ -28,7 +28,7 @@ _SEED, _STREAM = 0, "blinding starts"
 
 
 def check_blinding(mode: str | None, *, imitator: bool) -> None:
-    """Whether that is a way of blinding; before anything is loaded.
+    """Check the way of blinding before anything is loaded.
 
     Raises:
         ConfigError: ``imitator`` without a mode.

@@ -73,7 +73,7 @@ class Players:
 
 @dataclass
 class EpisodeCounts:
-    """How the games ended. Side indices as in the game.
+    """Outcomes of ended games. Side indices as in the game.
 
     Attributes:
         winners: per ended game: 0, 1 or −1 for a tie.
@@ -125,7 +125,7 @@ def play(
 
 @dataclass(frozen=True)
 class Blinding:
-    """What a player sees in place of its opponent: the same in every game and step.
+    """Replacement of what a player sees of its opponent: the same in every game and step.
 
     Attributes:
         hidden: (o,) bool, the columns of its own observation that are replaced.

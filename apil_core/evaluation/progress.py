@@ -1,4 +1,4 @@
-"""Where a run tells people how it goes. The command line brings a live view; libraries may stay silent."""
+"""Progress of runs and evaluations: callbacks. The command line has a live view; the default is silent."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class PartOfAll(Progress):
     """Games of one pairing counted among those of all; nothing else is passed on.
 
     Args:
-        progress: told of all games.
+        progress: gets the count over all games.
         before: games of the pairings before.
         total: games of all.
     """

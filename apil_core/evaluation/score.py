@@ -40,7 +40,7 @@ def score(
         episodes: number of games.
         seed: of the games and all draws.
         blind, blind_imitator, blind_victim: see :func:`apil_core.evaluate`.
-        progress: told of the games played.
+        progress: called as games end.
     """
     begin = time.perf_counter()
     progress = progress or Progress()

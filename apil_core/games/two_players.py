@@ -59,14 +59,14 @@ class TwoPlayerGames:
             self.first = torch.from_numpy(mask.copy()).to(self.device)
 
     def observation(self, side: int) -> Tensor:
-        """What a side sees, (n, o) float32; not changed by the next step, but by the one after it."""
+        """Observation of a side, (n, o) float32; not changed by the next step, but by the one after it."""
         if side not in self._seen:
             seen = torch.from_numpy(self.game.observations[side]).to(self.device)
             self._seen[side] = seen if self._filter is None else self._filter(side, seen)
         return self._seen[side]
 
     def view(self, side: int, opponent_action: Tensor | None = None) -> View:
-        """What a policy in that seat may look at.
+        """View of a policy in that seat.
 
         Args:
             side: 0 or 1.

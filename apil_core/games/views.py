@@ -72,7 +72,7 @@ def _check_render_mode(render_mode: str | None) -> None:
 
 
 def _picture(game: Game, adversary_side: int, render_mode: str | None) -> Array | None:
-    """What ``render`` returns: a picture, victim blue and adversary red, or ``None`` if none was wanted."""
+    """Picture for ``render``, victim blue and adversary red; ``None`` without a render mode."""
     if render_mode is None:
         return None
     return game.render(0, *PICTURE, colours.by_side(adversary_side))

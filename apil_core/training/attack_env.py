@@ -45,7 +45,7 @@ _OWN_TERMS = {"adversary", "victim", "uneven_share"}
 
 @dataclass
 class Pending:
-    """What is known of the current observation before the adversary acts.
+    """State between two steps: the victim has acted, the adversary has not.
 
     Attributes:
         view: the adversary's, with the action the victim has chosen.

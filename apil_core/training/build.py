@@ -82,7 +82,7 @@ def build_hooks(
 
 
 def observing(config: RunConfig, plugins: PluginRegistry, setup: MethodSetup) -> dict[str, Any]:
-    """What stands behind ``config.observers``, in that order: new objects, or whole plugin modules.
+    """Build ``config.observers``, in that order: new objects, or whole plugin modules.
 
     Raises:
         ConfigError: there is none of a name.
@@ -188,7 +188,7 @@ def seeded_games(config: RunConfig, plugins: PluginRegistry, world: World, strea
 def method_setup(
     config: RunConfig, layout: GameLayout, adversary_side: int, device: torch.device
 ) -> MethodSetup:
-    """What methods are built from."""
+    """Argument of the methods' constructors."""
     return MethodSetup(
         layout=layout,
         adversary_side=adversary_side,

@@ -11,7 +11,7 @@ from torch import Tensor
 from apil_core.api.types import StepBatch
 
 WINDOW = 1000
-"""How many of the last ended games the running rates cover."""
+"""Number of last ended games that the running rates cover."""
 
 
 class EpisodeStats:
@@ -54,7 +54,7 @@ class EpisodeStats:
         self._length[done] = 0
 
     def metrics(self) -> dict[str, float]:
-        """What happened since the last call (see ``Progress``), and the running window."""
+        """Metrics since the last call (see ``Progress``), and the running window."""
         ended = torch.cat(self._ended, dim=1) if self._ended else torch.zeros(3, 0)
         result: dict[str, float] = {
             "games": ended.shape[1],

@@ -18,7 +18,7 @@ from apil_core.api.config import PPOConfig
 def make_noise(
     config: PPOConfig, num_envs: int, action_size: int, horizon: int, device: torch.device
 ) -> Noise | None:
-    """What ``ppo.noise`` names; ``None`` for white noise, which needs no memory.
+    """Make the noise that ``ppo.noise`` names; ``None`` for white noise, which needs no memory.
 
     Args:
         config: PPO's settings.
@@ -45,7 +45,7 @@ class Noise:
         raise NotImplementedError
 
     def state_dict(self) -> dict[str, Any]:
-        """What the next draws depend on, torch's generator aside."""
+        """State that the next draws depend on, torch's generator aside."""
         raise NotImplementedError
 
     def load_state_dict(self, state: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""What a side gets to see once the run's ``filter_observation`` hooks have had their say."""
+"""Observations after the run's ``filter_observation`` hooks."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class ObservationFilter:
         self._contexts = contexts
 
     def __call__(self, side: int, observation: Tensor) -> Tensor:
-        """What ``side`` sees of its observation, shape (n, o) as before.
+        """Filter an observation of ``side``, shape (n, o) as before.
 
         Raises:
             PluginError: a hook returned something else.

@@ -1,4 +1,4 @@
-"""What methods and observers keep across a restart: found storable before hours are spent, or whose fault."""
+"""States of methods and observers for checkpoints, checked before training starts; errors name the plugin."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _PLAIN = (Tensor, nn.Parameter, int, float, bool, str, bytes, type(None))
 
 
 def states_of(plugins: Mapping[str, RunPlugin]) -> dict[str, dict[str, Any]]:
-    """Everyone's ``state_dict()``, by name.
+    """``state_dict()`` of each plugin, by name.
 
     Raises:
         PluginError: one fails, is no dict, or holds what a checkpoint cannot hold; names plugin and key.
@@ -49,7 +49,7 @@ def states_of(plugins: Mapping[str, RunPlugin]) -> dict[str, dict[str, Any]]:
 
 
 def load_states(plugins: Mapping[str, RunPlugin], states: Mapping[str, dict[str, Any]]) -> None:
-    """Give everyone back what :func:`states_of` got of it.
+    """Load into each plugin what :func:`states_of` gave.
 
     Raises:
         PluginError: one does not take it.
@@ -75,7 +75,7 @@ def load_known_states(plugins: Mapping[str, RunPlugin], states: Mapping[str, dic
 def check_states(
     plugins: Mapping[str, RunPlugin], anew: Callable[[], Mapping[str, RunPlugin]], device: torch.device
 ) -> None:
-    """Whether what is kept can be stored, and loads into objects built anew; draws nothing.
+    """Check that states can be stored and load into objects built anew; draws nothing.
 
     Args:
         plugins: of a run, just built.
@@ -102,7 +102,7 @@ def stored_and_read(states: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def unstorable(value: Any, path: str) -> tuple[str, str] | None:
-    """Where below ``path`` the first thing is that a checkpoint cannot hold, and its type."""
+    """Find the first value below ``path`` that a checkpoint cannot hold: its place and its type."""
     if isinstance(value, Tensor) and value.grad_fn is not None:
         return path, "tensor with a graph"
     if type(value) in _PLAIN:

@@ -2,7 +2,7 @@
 ``ppo_storage`` the only place that imports rsl_rl.
 
 What rsl_rl does differently from the published PPO is set here (docs/methods.md §3, PPO):
-fixed schedule with the learning rate annealed from outside, value loss clipped unless told otherwise,
+fixed schedule with the learning rate annealed from outside, value loss clipped by default,
 advantages normalised per minibatch, ½ in the value loss, Adam's epsilon 1e-5, orthogonal initial weights.
 Accepted departures: actor and critic are clipped separately; one permutation serves all epochs.
 """
@@ -192,7 +192,7 @@ class Learner:
             self.noise.renew(done)
 
     def distribution(self) -> DiagonalGaussian:
-        """What the stored actions were drawn from, (T, n, a); views of the storage."""
+        """Distribution of the stored actions, (T, n, a); views of the storage."""
         means = self.storage.means
         return DiagonalGaussian(means, self.actor.std.detach().expand_as(means))
 

@@ -113,5 +113,5 @@ class PPOStorage(RolloutStorage):
 
 
 def _groups(observations: TensorDict) -> list[Tensor]:
-    """What the actor is given; iterating over a TensorDict itself goes over games."""
+    """The actor's groups; iterating over a TensorDict itself goes over games."""
     return [observations[name] for name in observations.keys() if name != PRIVILEGED_GROUP]  # noqa: SIM118

@@ -53,7 +53,7 @@ class SideGames:
         for _ in range(steps):
             actions = self._attack.actor(observations).sample(self._attack.generators["method"])
             observations, _, _, _ = env.step(actions)
-        env.stats.metrics()  # nobody reads them here: forget, or they pile up
+        env.stats.metrics()  # not read here: forget, or they pile up
         return env.finish_rollout()
 
     def _build(self, policy: Policy) -> AttackEnv:

@@ -1,4 +1,4 @@
-"""What all MuJoCo games share: the loop around a rule book. A game is a subclass with four methods."""
+"""Base of all MuJoCo games: the loop around the rules. A game is a subclass with four methods."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ DIVERGED = "diverged"
 
 @dataclass
 class Verdict:
-    """What the rules say about every game after a step.
+    """Decision of the rules about every game after a step.
 
     Attributes:
         cause: (n,) int8, index into the game's causes, or :data:`GOES_ON`.
@@ -59,7 +59,7 @@ class MujocoGame(Game):
         scene: what to build, or the name of a scene in ``bodies.json``.
         side_names: of side 0 and 1.
         causes: ways a game can end, the last of them :data:`DIVERGED`.
-        touch: two bodies whose contact (with all that hangs on them) :attr:`touching` tells, or ``None``.
+        touch: two bodies whose contact (with all that hangs on them) is :attr:`touching`, or ``None``.
         options: as given.
         physics: the simulations.
         robots: both sides' live views.

@@ -1,4 +1,4 @@
-"""Which OpenGL MuJoCo draws with on this machine: a screen's (GLFW), or without one EGL or OSMesa."""
+"""The OpenGL that MuJoCo draws with on this machine: a screen's (GLFW), or without one EGL or OSMesa."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 from apil_core import ApilError
 
 BACKENDS = {"glfw": "a screen", "egl": "EGL", "osmesa": "OSMesa"}
-"""What can be asked for with ``MUJOCO_GL`` on Linux, and what it draws through."""
+"""Values of ``MUJOCO_GL`` on Linux, and what each draws through."""
 
 _ADVICE = "install one: `apt-get install libegl1` or `apt-get install libosmesa6`"
 _TRIAL = """
@@ -28,7 +28,7 @@ _PATIENCE = 60.0  # seconds; a trial takes about one
 
 
 def has_screen() -> bool:
-    """Whether there is a screen to open windows on, as far as the environment tells."""
+    """Whether the environment names a screen to open windows on."""
     return sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
@@ -49,7 +49,7 @@ def prepare() -> None:
     if sys.platform != "linux":
         return  # MuJoCo's own choice needs nothing that is not there
     backend = _first_working(wanted())
-    # MuJoCo binds the backend when it is first imported, long before anybody wants a picture
+    # MuJoCo binds the backend when it is first imported, long before the first picture
     holder: Any = importlib.import_module("mujoco.rendering.classic.gl_context")
     holder.GLContext = importlib.import_module(f"mujoco.{backend}").GLContext
 

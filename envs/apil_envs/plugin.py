@@ -1,4 +1,4 @@
-"""What this package registers: its games and its scripted victim. Imports neither torch nor mujoco."""
+"""Plugin of this package: its games and its scripted victim. Imports neither torch nor mujoco."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def decide(centres: Array, down: Array, time_up: Array) -> Verdict:
 
 
 class RunToGoal(MujocoGame):
-    """What both games share; both sides see and do the same, in opposite directions."""
+    """Base of both games; both sides see and do the same, in opposite directions."""
 
     side_names = ("runner_0", "runner_1")
     causes = CAUSES

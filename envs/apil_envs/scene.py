@@ -42,7 +42,7 @@ _INTEGRATORS = {
 
 @dataclass(frozen=True)
 class Scene:
-    """What stands where; elements are written as in ``bodies.json``.
+    """Robots, arena and balls of a game; elements are written as in ``bodies.json``.
 
     Attributes:
         body: ``"humanoid"`` or ``"ant"``, for both sides.

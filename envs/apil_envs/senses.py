@@ -1,4 +1,4 @@
-"""What a robot sees: its own body, and where its opponent is."""
+"""Observation blocks of a robot: its own body and its opponent's position."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ CONTACT_BOUND = 1.0
 
 
 def humanoid_blocks(robot: Robot) -> list[Block]:
-    """What every humanoid game shows after the own position: 332 columns."""
+    """Blocks of every humanoid game after the own position: 332 columns."""
     return [
         copied("velocity", robot.qvel),
         copied("body_inertia", robot.inertia),
@@ -22,7 +22,7 @@ def humanoid_blocks(robot: Robot) -> list[Block]:
 
 
 def ant_blocks(robot: Robot) -> list[Block]:
-    """What every ant game shows after the own position: 92 columns."""
+    """Blocks of every ant game after the own position: 92 columns."""
     return [copied("velocity", robot.qvel), clipped("contact_force", robot.contact_force, CONTACT_BOUND)]
 
 

@@ -33,7 +33,7 @@ CAUSES = (
 )
 FELL, LEFT_RING, TIME_UP = 0, 3, 6
 _UNTOUCHED = np.array([7, 8, 2, 9, 10, 5, 6], np.int8)
-"""What a cause becomes if the two never touched."""
+"""Cause by index if the two never touched."""
 
 
 def decide(
@@ -71,7 +71,7 @@ def decide(
 
 
 class Sumo(MujocoGame):
-    """What both sumo games share; both sides see and do the same.
+    """Base of both sumo games; both sides see and do the same.
 
     Attributes:
         ring: smallest and largest radius of the ring, m; drawn anew for every game.

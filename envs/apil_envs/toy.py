@@ -141,7 +141,7 @@ class ToyPursuit(Game):
         way = np.clip(np.stack(actions), -1, 1) * SPEED[:, None]
         self._position += way * playing[:, None]
         radius = np.sqrt(np.square(self._position).sum(2, keepdims=True))
-        self._position /= np.maximum(radius, 1)  # the wall stops whoever runs into it
+        self._position /= np.maximum(radius, 1)  # the wall stops players
 
     def _score(self, playing: Array) -> GameStep:
         evader, pursuer = self._position

@@ -1,4 +1,4 @@
-"""Which games ``apil fidelity`` plays: every matchup of every game, as it is and with one thing switched.
+"""The rows of ``apil fidelity``: every matchup of every game, as it is and with one thing switched.
 
 Pure data in, pure data out: what can be switched is read from the game's option model and from the
 matchup itself, so a third party's game gets the same report.
@@ -57,7 +57,7 @@ class RowPlan(BaseModel):
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """What makes it another row than the others; the number of games and the seed do not."""
+        """Key among the rows; the number of games and the seed are no part of it."""
         options = tuple(sorted((key, repr(value)) for key, value in self.options.items()))
         return (self.env, self.adversary, self.victim, self.adversary_actions, self.victim_actions, options)
 
@@ -86,7 +86,7 @@ class SkippedMatchup(BaseModel):
 
 @dataclass
 class PlanRequest:
-    """What the user wants played.
+    """A user's request.
 
     Attributes:
         episodes: games per default and as-published row.
@@ -110,7 +110,7 @@ class PlanRequest:
 
 @dataclass
 class Plan:
-    """What will be played, most telling rows first, and what cannot be."""
+    """Rows to play, the defaults first, and matchups that cannot be played."""
 
     rows: list[RowPlan] = field(default_factory=list)
     skipped: list[SkippedMatchup] = field(default_factory=list)
@@ -171,7 +171,7 @@ def switches(model: type[BaseModel] | None, physics: Profile | None = None) -> l
 
 
 def no_profiles(spec: GameSpec) -> str | None:
-    """Why a game cannot be played in another physics profile; ``None`` if it can."""
+    """Reason why a game has no other physics profile; ``None`` if it has."""
     model = _model(spec)
     fine = model is not None and issubclass(model, ProfiledOptions)
     return None if fine else f"game {spec.name} has no physics profiles"

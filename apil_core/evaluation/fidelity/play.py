@@ -1,4 +1,4 @@
-"""How close a game is to its original: measured scores beside published ones.
+"""Measured scores of a game beside published ones.
 
 A verdict here is a statement about noise: whether the difference of two shares could be chance. It is
 none about whether the physics, the rules or the published figure are right.
@@ -22,7 +22,7 @@ _ASKED = {"adversary", "victim", "env", "episodes", "adversary_actions", "victim
 
 
 def missing_policy(plugins: PluginRegistry) -> Callable[[str], str | None]:
-    """Why a policy cannot be played here, by its name; ``None`` if it can."""
+    """A function from a policy's name to the reason why it cannot be played here, or ``None``."""
 
     def reason(name: str) -> str | None:
         try:

@@ -115,7 +115,7 @@ def _to_play_with(plan: RowPlan, plugins: PluginRegistry) -> dict[str, Any]:
 def _settings(
     source: RowPlan | EvaluationResult, mujoco: str | None, options: dict[str, Any], hashes: tuple[str, str]
 ) -> dict[str, Any]:
-    """What a row's numbers depend on, by the name it has in messages."""
+    """Everything a row's numbers depend on, by its name in messages."""
     return {
         **{name: getattr(source, name) for name in ("episodes", "seed", "num_envs")},
         "mujoco": mujoco,

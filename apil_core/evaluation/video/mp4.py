@@ -20,7 +20,7 @@ _QUALITY = {"crf": "20"}
 
 
 def pace(seconds_per_step: float, speed: float, fps: float) -> tuple[int, Fraction]:
-    """How many steps there are to a frame, and how many frames to a second.
+    """Steps per frame, and frames per second.
 
     Steps are left out rather than frames repeated: at 0.015 s a step and 30 fps every other step is
     shown, 33.3 to the second.

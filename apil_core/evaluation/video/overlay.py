@@ -1,4 +1,4 @@
-"""What is written into pictures of a game: who plays, the score, the time, and how it ended."""
+"""Text in pictures of a game: both players, the score, the time, and the outcome."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _GROUNDS = {"win": colours.ADVERSARY, "loss": colours.VICTIM, "tie": colours.NEU
 
 @dataclass(frozen=True)
 class OverlayText:
-    """Who plays, and the score.
+    """Both players and the score.
 
     Attributes:
         victim, adversary: seat and policy, e.g. ``"kicker, zoo:kick-and-defend/kicker/v1"``.
@@ -53,7 +53,7 @@ class OverlayText:
 
 
 def verdict(ended: PlayedGame) -> str:
-    """How a game ended, in words."""
+    """Outcome of a game in words."""
     return f"{_VERDICTS[ended.outcome]}: {ended.cause}"
 
 

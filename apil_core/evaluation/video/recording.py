@@ -42,7 +42,7 @@ SPEEDS, RATES = (0.001, 1000.0), (1.0, 1000.0)
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """Which games are shown, and where.
+    """Options of a video, contact sheet or window.
 
     Attributes:
         seed: of everything random.
@@ -69,7 +69,7 @@ class RenderOptions:
 
     @property
     def games(self) -> int:
-        """How many are shown."""
+        """Number of games shown."""
         return 1 if self.until else self.episodes or 1
 
     def size(self, default: tuple[int, int]) -> tuple[int, int]:
@@ -99,7 +99,7 @@ class RenderOptions:
 
 
 class PlayResult(Circumstances):
-    """Who played, and how the games went. ``wins`` and the like are the adversary's."""
+    """Players and outcomes. ``wins`` and the like are the adversary's."""
 
     wins: int
     ties: int

@@ -20,7 +20,7 @@ Outcome = Literal["win", "tie", "loss"]
 
 
 class PlayedGame(BaseModel):
-    """How a game went. Returns are sums of sparse and dense rewards."""
+    """Outcome of one game. Returns are sums of sparse and dense rewards."""
 
     number: int
     outcome: Outcome

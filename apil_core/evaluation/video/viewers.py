@@ -1,4 +1,4 @@
-"""What shows games as they are played: a video, a contact sheet, a window."""
+"""Viewers of games as they are played: a video, a contact sheet, a window."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from apil_core.evaluation.video.overlay import OverlayText
 from apil_core.evaluation.video.single_game import Frame, PlayedGame
 
 HELD = 1.2
-"""How long the end of a game stays, s."""
+"""Duration of a game's last frame, s."""
 
 _LONGEST_SKIP = 0.5  # s without a new picture in a window that cannot keep up
 

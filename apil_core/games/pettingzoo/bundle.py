@@ -1,7 +1,7 @@
 """Several environments of one process as one Gymnasium ``Env``, which a vector environment can place.
 
 All that the games show is the bundle's observation, so that it travels through shared memory. Nothing
-here raises: what goes wrong in an environment is told in ``info["failure"]``.
+here raises: what goes wrong in an environment is reported in ``info["failure"]``.
 """
 
 from __future__ import annotations
@@ -187,7 +187,7 @@ def said_winner(infos: Any, seats: tuple[Seat, Seat]) -> int:
 
 
 def make_bundle(maker: Maker, seats: tuple[Seat, Seat], games: int, index: int, parent: int) -> Bundle:
-    """A bundle; in another process than ``parent`` (its id) also manners for a worker."""
+    """Make a bundle; in another process than ``parent`` (its id), with the signals and stdout of a worker."""
     if os.getpid() != parent:
         # Ctrl-C reaches the whole process group, but the run has to finish its iteration; and a handler
         # of SIGTERM that came along by fork would keep the worker alive

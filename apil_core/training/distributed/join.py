@@ -1,4 +1,4 @@
-"""Becoming one of torchrun's processes, and what is said when another one is gone."""
+"""Joining torchrun's processes, and the error when another one is gone."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from apil_core.common.errors import ApilError, ConfigError
 from apil_core.training.distributed.world import World
 
 TIMEOUT = timedelta(minutes=30)
-"""How long a process waits for another that is alive but says nothing, e.g. while the first one evaluates."""
+"""Longest wait for another process that is alive but silent, e.g. while the first one evaluates."""
 
 
 class ContactLostError(ApilError):

@@ -84,7 +84,7 @@ def average(world: World, tensors: Sequence[Tensor]) -> None:
 
 
 class Replicas:
-    """What a run's processes learn apart, and make equal once per iteration.
+    """Networks and statistics of a run's processes, made equal once per iteration.
 
     Args:
         world: of the processes.

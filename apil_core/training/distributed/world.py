@@ -1,7 +1,7 @@
-"""The processes that train a run together: who this one is, and how they speak to each other.
+"""The processes that train a run together: this one's rank, and exchanges between them.
 
-Started without torchrun there is one process, and everything here does nothing. Imports no torch before
-there is somebody to speak to.
+Started without torchrun there is one process, and everything here does nothing. Imports no torch in a
+single process.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class World:
 
     @property
     def command(self) -> str:
-        """How the command line is started so that the world is this one again."""
+        """Command that starts the command line in as many processes."""
         return (
             "apil"
             if self.size == 1
@@ -77,7 +77,7 @@ class World:
 
     @property
     def multi_gpu_cfg(self) -> dict[str, int] | None:
-        """What rsl_rl's algorithms want to know of it."""
+        """The same as rsl_rl's algorithms take it."""
         if self.size == 1:
             return None
         return {"global_rank": self.rank, "local_rank": self.local_rank, "world_size": self.size}
@@ -114,7 +114,7 @@ class World:
         return f"cuda:{self.local_rank}"
 
     def any(self, flag: bool) -> bool:
-        """Whether ``flag`` is true in any process; the same answer in all."""
+        """Logical or of all processes' ``flag``; the same answer in all."""
         if self.size == 1:
             return flag
         import torch

@@ -30,7 +30,7 @@ from apil_core.training.build import adversary_policy
 FORMAT = "apil-adversary-1"
 
 _ODD = (AttributeError, LookupError, RuntimeError, TypeError, ValueError)
-"""What content of another shape than ours causes; too deep JSON is a RuntimeError."""
+"""Errors caused by content of another shape than ours; too deep JSON is a RuntimeError."""
 
 _PARTS = ("groups", "builder", "methods", "observers", "learner")
 
@@ -64,7 +64,7 @@ def to_bytes(
 
 
 def without_folders(name: str) -> str:
-    """A policy's name without the folders of this machine, which are nobody's business."""
+    """A policy's name without the folders of this machine, which are private."""
     scheme, _, rest = name.rpartition(":")
     path = Path(rest)
     if not path.is_absolute():
@@ -74,7 +74,7 @@ def without_folders(name: str) -> str:
 
 
 def _shareable(config: RunConfig) -> RunConfig:
-    """What loading does not need names files of this machine by their last part, or not at all."""
+    """The settings with paths that loading does not need cut to their last part, or removed."""
     return config.model_copy(
         update={
             "victim": without_folders(config.victim),

@@ -1,4 +1,4 @@
-"""The way out: a run's adversary as one file that other programs, or ``apil`` itself, can load.
+"""Export of a run's adversary as one file that other programs, or ``apil`` itself, can load.
 
 ONNX and TorchScript files hold the whole way from raw observations to the action's distribution:
 methods' modules (APIL's imitator), normalisation, actor. What the network reads besides its own
@@ -45,7 +45,7 @@ _GAMES, _STEPS = 8, 32
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written.
+    """An exported file.
 
     Attributes:
         file: where it is.
@@ -111,7 +111,7 @@ def export(
 
 
 class _Export:
-    """One run on its way out."""
+    """Export of one run."""
 
     def __init__(self, source: Source, config: RunConfig, plugins: PluginRegistry, game: Game):
         self.source = source
@@ -127,7 +127,7 @@ class _Export:
             )
         self.views = _views(game, self.side)
         self.provenance = {
-            "run": source.run_dir.path.absolute().name,  # the rest of the path is nobody's business
+            "run": source.run_dir.path.absolute().name,  # the rest of the path is private
             "checkpoint": source.path.name,
             "checkpoint_sha256": self.policy.info.sha256,
             "steps": str(self.steps),
@@ -204,7 +204,7 @@ def _physics(game: Game) -> dict[str, str]:
 
 
 def _views(game: Game, side: int) -> list[View]:
-    """What the adversary sees in real games in which both sides act at random."""
+    """Views of the adversary in real games in which both sides act at random."""
     generator = torch.Generator().manual_seed(stream_seed(0, "export"))
     game.seed(stream_seed(0, "export games"))
     games, views = TwoPlayerGames(game), []

@@ -1,4 +1,4 @@
-"""What a run trained, as a policy: ``run:DIR`` (its newest checkpoint) or ``run:DIR/checkpoints/FILE.pt``."""
+"""A run's adversary as a policy: ``run:DIR`` (its newest checkpoint) or ``run:DIR/checkpoints/FILE.pt``."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class Source:
             provenance={"run": str(self.run_dir.path), "game": config.env, "side": seat.name},
             action_bounds=(seat.action_low, seat.action_high),
         )
-        # initial weights are drawn and thrown away; whoever loads a policy shall not notice
+        # initial weights are drawn and thrown away; the caller's random stream must not move
         with torch.random.fork_rng(devices=[]), fitting(self.path):
             policy = adversary_policy(state, info, config, layout, side, plugins, seed)
         return policy, int(state["steps"])

@@ -1,4 +1,4 @@
-"""``safetensors:FILE``: what APIL itself writes, told apart by the file's metadata."""
+"""``safetensors:FILE``: adversaries and students, distinguished by the file's metadata."""
 
 from __future__ import annotations
 

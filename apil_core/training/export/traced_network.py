@@ -201,7 +201,7 @@ def _untraceable(error: Exception) -> ApilError:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """torch tells programmers a lot while it traces; none of it is the user's business."""
+    """Silence torch's warnings and logs while it traces: users can do nothing about them."""
     loggers = [logging.getLogger(name) for name in ("torch.export", "torch.onnx", "onnxscript", "onnx_ir")]
     levels = [log.level for log in loggers]
     for log in loggers:

@@ -1,4 +1,4 @@
-"""Writing and reading training state so that a crash at any moment loses nothing already saved."""
+"""Checkpoints: written atomically, read without executing code, compared with the run's settings."""
 
 from __future__ import annotations
 

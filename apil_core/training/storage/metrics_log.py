@@ -24,7 +24,7 @@ _PER_GAME = ("return/", "episode_length")
 
 
 class Recorder(Protocol):
-    """What ``register_recorders`` offers.
+    """A sink for metrics, as ``register_recorders`` offers them.
 
     One may also have ``summarize(scores)``, which gets the final scores (``final/win`` and the like), and
     ``dispensable = True``: if it fails, the run goes on without it.
@@ -66,7 +66,7 @@ class RowLog:
         recorders: who gets the rows.
         every: k, at least 1. At 1 rows are the iterations' metrics, untouched.
         pending: metrics of iterations that are in no row yet, from a checkpoint.
-        note: who is told, in one line, of a dispensable recorder that failed.
+        note: called with one line when a dispensable recorder fails.
 
     Attributes:
         pending: as the argument, by now; each with its number of environment steps as ``row_steps``.
@@ -158,7 +158,7 @@ def merged(rows: Sequence[Row]) -> Row:
     Numbers of games and of endings are summed. What is a total or a state (steps, seconds, memory,
     ``window_*``, ``*_total``, evaluations) is the last one's. All else is a mean over the iterations that
     have it as a finite number: of returns and lengths weighted by games, of ``steps_per_second`` by seconds,
-    of the rest by steps. Merged rows tell over how many ``row_iterations`` and ``row_steps`` they reach; a
+    of the rest by steps. Merged rows have ``row_iterations`` and ``row_steps``, over how many they reach; a
     single one comes back as it was, without ``row_steps``.
 
     Args:

@@ -24,7 +24,7 @@ from apil_core.training.distributed.world import World
 
 DEFAULT_ROOT = Path("runs")
 BEST = "best"
-"""What stands for the checkpoint that won most, wherever one is chosen."""
+"""Name of the checkpoint that won most, wherever one is chosen."""
 _PACKAGES = ("apil", "torch", "mujoco", "numpy", "rsl-rl-lib", "gymnasium", "pettingzoo", "tensordict")
 
 
@@ -124,7 +124,7 @@ class RunDir:
         return sorted(self.checkpoint_dir.glob("iteration-*.pt"))
 
     def checkpoint_path(self, iteration: int) -> Path:
-        """Where the checkpoint taken after that many iterations goes."""
+        """Path of the checkpoint taken after that many iterations."""
         return self.checkpoint_dir / f"iteration-{iteration:08d}.pt"
 
     def newest_checkpoint(self) -> Path:
@@ -206,7 +206,7 @@ class RunDir:
                 part.unlink(missing_ok=True)
 
     def _parts(self, pattern: str) -> list[Path]:
-        """What processes other than the first keep beside checkpoints of that name."""
+        """Parts that processes other than the first keep beside checkpoints of that name."""
         found = self.checkpoint_dir.glob(f"{pattern}.rank*")
         return [part for part in found if part.suffix.removeprefix(".rank").isdecimal()]
 
@@ -216,12 +216,12 @@ class RunDir:
         write_atomically(path, lambda file: file.write(text))
 
     def result(self) -> dict[str, Any] | None:
-        """What ``result.json`` says, or ``None`` before the first end."""
+        """Content of ``result.json``, or ``None`` before the first end."""
         value: dict[str, Any] | None = self._read_json(self.result_path)
         return value
 
     def results(self) -> dict[Path, dict[str, Any]]:
-        """What the run's ends left, by file: the last one's, and earlier ones' if it was extended.
+        """Results by file: the last end's, and earlier ones' if the run was extended.
 
         Raises:
             RunDirError: one of them is damaged.
@@ -239,8 +239,8 @@ class RunDir:
         return str(score.get("victim", {}).get("name") or self.config().victim)
 
     def processes(self) -> int:
-        """How many train it together; 1 if nothing tells."""
-        with suppress(RunDirError):  # only a note: a damaged one keeps nobody from reading the run
+        """Number of processes that train it together; 1 if unknown."""
+        with suppress(RunDirError):  # only a note: a damaged one must not keep the run from being read
             sessions = self._read_json(self.environment_path) or [{}]
             return int(sessions[-1].get("processes", 1))
         return 1
@@ -283,7 +283,7 @@ class RunDir:
 
 
 def part_of_rank(path: Path, rank: int) -> Path:
-    """Where the process of that rank keeps its part of the checkpoint; ``path`` is the first one's."""
+    """Path of a rank's part of the checkpoint; ``path`` is the first one's."""
     return path if rank == 0 else path.with_name(f"{path.name}.rank{rank}")
 
 
@@ -294,7 +294,7 @@ def list_runs(root: Path = DEFAULT_ROOT) -> list[RunDir]:
 
 
 def environment(command: Sequence[str]) -> dict[str, Any]:
-    """What a number may depend on: command, versions, host and the code's git state."""
+    """Everything a number may depend on: command, versions, host and the code's git state."""
     return {
         "command": list(command),
         "processes": World.here().size,

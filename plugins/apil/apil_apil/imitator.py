@@ -24,7 +24,7 @@ from apil_core import (
 
 @dataclass
 class Experience:
-    """What the imitator learns from in one iteration.
+    """Data of one update of the imitator.
 
     Attributes:
         states: normalised, (T, n, s).
@@ -115,7 +115,7 @@ class Imitator(nn.Module):
         return self.config.epochs, self.config.minibatches
 
     def advantages(self, experience: Experience) -> Tensor | None:
-        """What the policy gradient weighs log π̃(ã) with, (T, n); ``None`` if nothing pays for ã.
+        """Weights of log π̃(ã) in the policy gradient, (T, n); ``None`` if nothing pays for ã.
 
         z(A_D) + Σ weight · z(A_stream), z to mean 0 and standard deviation 1 over the rollout. A_D is
         D's reward less its expectation V(s) (``credit: step``), or GAE of its return.

@@ -113,7 +113,7 @@ class Apil(Method):
         return distribution.sample(context.generator) if sampled else distribution.mean
 
     def _state(self, victim_observation: Tensor, observation: Tensor) -> Tensor:
-        """What imitator and D read, before normalisation."""
+        """Input of imitator and D, before normalisation."""
         if self.options.observes == "victim":
             return victim_observation
         if self.options.observes == "adversary":
@@ -200,7 +200,7 @@ class Apil(Method):
         return metrics, logits
 
     def _rewards(self, run: Run, played: Rollout, logits: Tensor) -> Tensor:
-        """What the hook pays, (T, n), checked."""
+        """Rewards that the hook pays, (T, n), checked."""
         rewards: Tensor = run.hook.imitation_reward(run=run, rollout=played, logits=logits)
         if rewards.shape != logits.shape:
             got, want = tuple(rewards.shape), tuple(logits.shape)
@@ -208,7 +208,7 @@ class Apil(Method):
         return rewards
 
     def _streams(self, run: Run, played: Rollout) -> dict[str, tuple[float, Tensor]]:
-        """What else the imitator is paid for, by name, checked; makes critics for what is new."""
+        """Further reward streams of the imitator, by name, checked; makes critics for new ones."""
         streams: dict[str, tuple[float, Tensor]] = {}
         for answer in run.hook.imitation_streams(run=run, rollout=played):
             try:
@@ -301,7 +301,7 @@ class Apil(Method):
 
 
 def _flaw(weight: float, reward: object, done: Tensor) -> str:
-    """What keeps a stream from being learnt from, or nothing; ``done`` has the shape it must have."""
+    """Reason why a stream cannot be learnt from, or ``""``; ``done`` has the shape it must have."""
     if not isinstance(reward, Tensor):
         return f"must have a tensor as its reward, got {type(reward).__name__}"
     if reward.shape != done.shape or reward.dtype != torch.float32 or reward.device != done.device:

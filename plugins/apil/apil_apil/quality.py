@@ -1,4 +1,4 @@
-"""How well the imitator predicts, and how well D tells (docs/methods.md §4)."""
+"""Metrics of the imitator's predictions and of D (docs/methods.md §4)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from apil_core import DiagonalGaussian, Rollout
 
 
 def prediction_quality(prediction: DiagonalGaussian, rollout: Rollout) -> dict[str, float]:
-    """How well ``prediction`` (T, n, a) foresees the victim's actions, on games not learnt from yet.
+    """Errors of ``prediction`` (T, n, a) of the victim's actions, on games not learnt from yet.
 
     ``constant_*`` are of the best constant Gaussian fitted to these very actions, which sees the answers: a
     high bar. ``relative_error`` is ``mse`` over the constant's. ``explained_share`` is how much is explained
@@ -42,7 +42,7 @@ def prediction_quality(prediction: DiagonalGaussian, rollout: Rollout) -> dict[s
 
 
 def accuracy(victim_logits: Tensor, imitator_logits: Tensor) -> dict[str, float]:
-    """Share of each class that D tells right (before its update), from its logits."""
+    """Share of each class that D classifies rightly (before its update), from its logits."""
     return {
         "discriminator_accuracy_victim": float((victim_logits > 0).to(torch.float32).mean()),
         "discriminator_accuracy_imitator": float((imitator_logits < 0).to(torch.float32).mean()),
