@@ -72,5 +72,5 @@ def test_what_cannot_be_written_is_said_before(name: str, size: tuple[int, int],
 
 def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(ApilError, match="videos need av: pip install av"):
+    with pytest.raises(ApilError, match=r"videos need PyAV: pip install 'apil\[video\]'"):
         check_mp4(Path("video.mp4"), 64, 48)
