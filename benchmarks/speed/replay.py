@@ -7,8 +7,8 @@ import time
 import numpy as np
 import torch
 
-from apil_core.api.game import Array
-from apil_core.api.types import Rollout, View
+from apil_core.api.types import Rollout
+from apil_core.games.two_players import TwoPlayerGames
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
 from apil_core.policies.seats import run_victim
@@ -41,7 +41,8 @@ class Replay:
     def play(self, start: Start, rollout: Rollout) -> float:
         """Steps and resets of the game with the recorded actions; returns their seconds."""
         self.game.load_state_dict(start.game)
-        pairs = [self._seats(*actions) for actions in _actions(rollout)]
+        recorded = {self._side: rollout.action, 1 - self._side: rollout.victim_action}
+        pairs = list(zip(recorded[0].cpu().numpy(), recorded[1].cpu().numpy(), strict=True))
         begin = time.perf_counter()
         for pair in pairs:
             done = self.game.step(pair).done
@@ -49,19 +50,19 @@ class Replay:
                 self.game.reset(done)
         return time.perf_counter() - begin
 
+    @torch.inference_mode()
     def play_victim(self, start: Start, rollout: Rollout) -> float:
         """The same, the victim choosing its actions anew after each step; returns the seconds."""
         self.game.load_state_dict(start.game)
         self.victim.load_recurrent_state(start.victim)
         self._generator.set_state(start.generator)
-        recorded = _actions(rollout)
-        victim_action = recorded[0][1]  # chosen before the block began
+        games, opponent = TwoPlayerGames(self.game, self._attack.env.device), 1 - self._side
+        chosen = rollout.victim_action[0]  # before the block began
         begin = time.perf_counter()
-        for action, _ in recorded:
-            done = self.game.step(self._seats(action, victim_action)).done
-            if done.any():
-                self.game.reset(done)
-            victim_action = self._act(done)
+        for action in rollout.action:
+            games.reset(games.step({self._side: action, opponent: chosen}).done)
+            view = games.view(opponent)
+            chosen = self.victim.act(view, sample=self._sample, generator=self._generator).action
         return time.perf_counter() - begin
 
     @property
@@ -73,19 +74,3 @@ class Replay:
     def close(self) -> None:
         """Release the games."""
         self.game.close()
-
-    @torch.inference_mode()
-    def _act(self, done: Array) -> Array:
-        device = self._attack.env.device
-        observations = [torch.from_numpy(each).to(device) for each in self.game.observations]
-        own, opponent = observations[1 - self._side], observations[self._side]
-        view = View(own=own, opponent=opponent, first=torch.from_numpy(done).to(device))
-        return self.victim.act(view, sample=self._sample, generator=self._generator).action.cpu().numpy()
-
-    def _seats(self, action: Array, victim_action: Array) -> tuple[Array, Array]:
-        return (action, victim_action) if self._side == 0 else (victim_action, action)
-
-
-def _actions(rollout: Rollout) -> list[tuple[Array, Array]]:
-    """Adversary's and victim's actions of every step, each (n, a)."""
-    return list(zip(rollout.action.cpu().numpy(), rollout.victim_action.cpu().numpy(), strict=True))
