@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from apil_core.cli.flags import Json
 from apil_core.cli.output import console, print_json
+from apil_core.common.extras import need
 
 PAGE, TABLES = "index.html", "tables"
 
@@ -29,33 +30,33 @@ def report(
     tables_only: Annotated[bool, Parameter(help="No page, only the tables.", show_default=False)] = False,
     json: Json = False,
 ) -> int:
-    """Put a benchmark's results beside the published ones: one page, and tables as CSV, Markdown and LaTeX.
+    """Put a benchmark's results beside the published ones: one page, and tables as CSV and LaTeX.
 
     Whatever is there is shown; what is missing, weak or not comparable is said.
     """
-    from apil_core.studies.report.evidence import gather
+    from apil_core.studies.report.report_data import gather
     from apil_core.studies.report.tables import write_tables
 
-    evidence = gather(directories, run)
+    if not tables_only:
+        need("matplotlib")
+    data = gather(directories, run)
     folder = out if out is not None else directories[0] / "report"
-    written = write_tables(evidence, folder / TABLES)
+    written = write_tables(data, folder / TABLES)
     page = None
     if not tables_only:
         from apil_core.studies.report.page import write_page
 
         page = folder / PAGE
-        write_page(evidence, page)
+        write_page(data, page)
     if json:
-        kept = evidence.model_dump(
-            mode="json", include={"title", "settings", "claims", "warnings", "unfinished"}
-        )
+        kept = data.model_dump(mode="json", include={"title", "settings", "claims", "warnings", "unfinished"})
         print_json({"page": page and str(page), "tables": [str(path) for path in written], **kept})
         return 0
     to = console()
-    for claim in evidence.claims:
-        label = evidence.setting(claim.setting).label
+    for claim in data.claims:
+        label = data.setting(claim.setting).label
         to.print(f"{claim.verdict:15} {claim.claim} ({label})", markup=False)
-    for warning in evidence.warnings:
+    for warning in data.warnings:
         if warning.loud:
             to.print(f"warning: {warning.text}", markup=False)
     to.print(f"tables  {folder / TABLES} ({len(written)} files)", markup=False)

@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 
 import pytest
-from report.page_sample import evidence
+from report.page_sample import report_data
 
 from apil_core.cli.output import console, print_json, styled, table
 from apil_core.cli.plain import PlainProgress
-from apil_core.studies.report.markdown import markdown_report, markdown_table
-from apil_core.studies.report.tables import csv_text
+from apil_core.studies.report.page import render
+from apil_core.studies.report.tables import csv_text, write_tables
 from cli.cli_helpers import Apil
 
 NAME = "python:snake:play [x] [/b] \x1b[2J\x9b\u202e\udc80"
@@ -40,13 +40,18 @@ def test_errors_are_shown_as_they_are(apil: Apil, tmp_path: Path) -> None:
     assert (listed.code, SHOWN in listed.out, listed.err) == (0, True, "")
 
 
-def test_a_report_has_no_formula_html_or_link() -> None:
+def test_a_report_has_no_formula_html_or_control_code(tmp_path: Path) -> None:
     assert csv_text([{"a": "=1+1", "b": "-x", "c": -0.5, "d": "@x", "e": "+1", "f": "a=1"}]) == (
         "a,b,c,d,e,f\n'=1+1,'-x,-0.5,'@x,'+1,a=1\n"
     )
-    nasty = "<img src=x>[a](javascript:alert(1))\n# head"
-    found = evidence().model_copy(update={"title": nasty})
-    table = found.tables[0].model_copy(update={"title": nasty})
-    for text in (markdown_report(found), markdown_table(found, table)):
-        assert r"&lt;img src=x>[a]\(javascript:alert(1)) # head" in text.splitlines()[0]
-        assert "<" not in text
+    data = report_data(nasty=False)
+    dots = [data.aggregates[0].model_copy(update={"column": NAME[-4:]})]
+    nasty = f"<img src=x>{NAME}"
+    tables = [data.tables[0].model_copy(update={"title": nasty})]
+    found = data.model_copy(update={"title": nasty, "tables": tables, "curves": [], "aggregates": dots})
+    written = [path.read_text("utf-8") for path in write_tables(found, tmp_path)]
+    html = render(found)
+    html.encode()
+    assert f"&lt;img src=x&gt;{SHOWN}" in html
+    assert SHOWN[-18:] in html[html.index("<svg") :]
+    assert not any(code in text for text in (html, *written) for code in "\x1b\x9b\u202e\udc80")

@@ -1,4 +1,4 @@
-"""A whole report's evidence, made up: every section has data, and names try to break the page."""
+"""A whole report's data, made up: every section has data, and names try to break the page."""
 
 from __future__ import annotations
 
@@ -10,10 +10,15 @@ from io import BytesIO
 import numpy as np
 from PIL import Image
 
+from apil_core.evaluation.crossplay.document import CrossPlay, Player
 from apil_core.evaluation.results import wilson
-from apil_core.studies.curves.curves import Line, ScorePoint
+from apil_core.studies.activations.models import ActivationMap, LogLikelihood
+from apil_core.studies.curves.curves import Curve, Line, ScorePoint
+from apil_core.studies.curves.groups import CurveGroup
 from apil_core.studies.report import models as m
+from apil_core.studies.report import table_models as t
 from apil_core.studies.report.statistics import compared, published_rate, share, verdict
+from report.sample import result
 
 NASTY = "<b>my</b> & \"co\" </script><script>document.title='owned'</script>"
 """A plugin's name as it must never be read: as markup."""
@@ -29,13 +34,13 @@ MARKS = ["1 M of 35 M = 2.9 %", "1 seed"]
 
 
 @cache
-def evidence(*, nasty: bool = True, games: Sequence[str] = GAMES[:2]) -> m.Evidence:
+def report_data(*, nasty: bool = True, games: Sequence[str] = GAMES[:2]) -> m.ReportData:
     """All sections filled; ``nasty`` adds a method whose name is markup. Games: at least the first two."""
     rng = np.random.default_rng(0)
     columns = [*COLUMNS, NASTY] if nasty else COLUMNS
     methods, few = columns[1:], games[: len(games) // 2]
     tables = [_table(number, games, columns, rng) for number in (1, 2, 3, 4)]
-    return m.Evidence(
+    return m.ReportData(
         title="Quick matrix: four games, four methods" + (f" {NASTY}" if nasty else ""),
         games=list(games),
         columns=columns,
@@ -46,7 +51,7 @@ def evidence(*, nasty: bool = True, games: Sequence[str] = GAMES[:2]) -> m.Evide
         curves=[_panel(game, methods, rng) for game in games],
         retraining=[_retraining(game, method, rng) for game in few for method in ("apil", "e_apil")],
         ablations=[_ablation(rng)],
-        endings=[_ending(t, row, cell) for t in tables[:2] for row in t.rows for cell in row],
+        endings=[_ending(table, row, cell) for table in tables[:2] for row in table.rows for cell in row],
         crossplay=[_crossplay(game, rng) for game in few],
         activations=[_activations(game, rng) for game in few],
         snapshots=[
@@ -72,7 +77,7 @@ def evidence(*, nasty: bool = True, games: Sequence[str] = GAMES[:2]) -> m.Evide
     )
 
 
-def _settings() -> list[m.Setting]:
+def _settings() -> list[t.Setting]:
     common = {
         "published_steps": 35_000_000,
         "steps": 1_000_000,
@@ -80,7 +85,7 @@ def _settings() -> list[m.Setting]:
         "victim_actions": "sample",
     }
     return [
-        m.Setting(
+        t.Setting(
             id="s1",
             label="1 M steps, fast physics",
             trained_physics="fast",
@@ -92,7 +97,7 @@ def _settings() -> list[m.Setting]:
             ],
             **common,
         ),
-        m.Setting(
+        t.Setting(
             id="s2",
             label="1 M steps, trained fast, scored in faithful physics",
             trained_physics="fast",
@@ -105,9 +110,9 @@ def _settings() -> list[m.Setting]:
 
 def _cell(
     game: str, column: str, wins: int, ties: int, published: tuple[int, int] | None, seeds: int = 1
-) -> m.Cell:
+) -> t.Cell:
     scores = [
-        m.SeedScore(
+        t.SeedScore(
             seed=i,
             source="cells/x",
             steps=None if column == "baseline" else 1_000_000,
@@ -131,16 +136,16 @@ def _cell(
     for k, (name, count) in enumerate(counts.items()):
         measured = share(count, games)
         if published is None:
-            figures[name] = m.Figure(measured=measured, verdict="no published value")
+            figures[name] = t.Figure(measured=measured, verdict="no published value")
         else:
             difference = compared(measured, published_rate(published[k] / 100, EPISODES))
-            figures[name] = m.Figure(
+            figures[name] = t.Figure(
                 measured=measured,
                 published=published[k] / 100,
                 difference=difference,
                 verdict=verdict(difference),
             )
-    return m.Cell(
+    return t.Cell(
         game=game, column=column, scores=scores, marks=[] if column == "baseline" else MARKS, **figures
     )
 
@@ -151,7 +156,7 @@ def _table(
     columns: list[str],
     rng: np.random.Generator,
     setting: str = "s1",
-) -> m.Table:
+) -> t.Table:
     rows = []
     for game in games:
         row = []
@@ -161,11 +166,11 @@ def _table(
             row.append(_cell(game, column, win, 15, published, seeds=3 if column == "apil" else 1))
         rows.append(row)
     if number == 2:
-        rows[1][2] = m.Cell(
+        rows[1][2] = t.Cell(
             game=GAMES[1],
             column=columns[2],
-            win=m.Figure(published=0.65),
-            win_or_tie=m.Figure(published=0.65),
+            win=t.Figure(published=0.65),
+            win_or_tie=t.Figure(published=0.65),
         )
         rows[1][3].marks.append("stale")
     titles = {
@@ -174,7 +179,7 @@ def _table(
         3: "Retrained victims against the baseline adversary",
         4: "Retrained victims against the E-APIL adversary",
     }
-    return m.Table(
+    return t.Table(
         id=f"t{number}-{setting}",
         number=number,
         name=f"name{number}",
@@ -187,7 +192,7 @@ def _table(
     )
 
 
-def _differences(table: m.Table, row: list[m.Cell]) -> list[m.MethodDifference]:
+def _differences(table: t.Table, row: list[t.Cell]) -> list[t.MethodDifference]:
     base = row[0]
     found = []
     for cell in row[1:]:
@@ -197,7 +202,7 @@ def _differences(table: m.Table, row: list[m.Cell]) -> list[m.MethodDifference]:
                 compared(cell.win_or_tie.measured, base.win_or_tie.measured),
             )
             found.append(
-                m.MethodDifference(
+                t.MethodDifference(
                     table=table.id,
                     setting=table.setting,
                     game=cell.game,
@@ -212,9 +217,9 @@ def _differences(table: m.Table, row: list[m.Cell]) -> list[m.MethodDifference]:
     return found
 
 
-def _aggregate(column: str, metric: str) -> m.Aggregate:
+def _aggregate(column: str, metric: str) -> t.Aggregate:
     value = 0.1 + 0.1 * (len(column) % 6) + (0.05 if metric == "win_or_tie" else 0)
-    return m.Aggregate(
+    return t.Aggregate(
         setting="s1",
         column=column,
         metric=metric,
@@ -244,8 +249,22 @@ def _point(steps: int, wins: int, ties: int) -> ScorePoint:
     )
 
 
+def _group(label: str, game: str, lines: dict[str, Line], scores: list[ScorePoint]) -> CurveGroup:
+    curve = Curve(
+        run=f"runs/{label}",
+        method=label,
+        env=game,
+        victim="zoo:kicker-1",
+        seed=0,
+        steps=1_000_000,
+        lines=lines,
+        scores=scores,
+    )
+    return CurveGroup(label=label, curves=[curve], lines=lines)
+
+
 def _panel(game: str, methods: list[str], rng: np.random.Generator) -> m.CurvePanel:
-    lines = []
+    groups = []
     for i, method in enumerate(methods):
         win = _line(rng, 0.2 + 0.12 * i)
         tie = Line(
@@ -261,23 +280,14 @@ def _panel(game: str, methods: list[str], rng: np.random.Generator) -> m.CurvePa
         }
         if "apil" in method:
             found["imitator"] = Line(steps=win.steps, value=[1.2 - 0.5 * v for v in win.value])
-        lines.append(
-            m.CurveLine(
-                method=method,
-                label=method,
-                seeds=[0],
-                lines=found,
-                band="Wilson interval of the last 1000 games",
-                scores=[_point(1_000_000, int(1000 * win.value[-1]), 50)],
-            )
-        )
-    return m.CurvePanel(game=game, setting="s1", lines=lines, baseline_win=0.284, baseline_win_or_tie=0.299)
+        groups.append(_group(method, game, found, [_point(1_000_000, int(1000 * win.value[-1]), 50)]))
+    return m.CurvePanel(game=game, setting="s1", groups=groups, baseline_win=0.284, baseline_win_or_tie=0.299)
 
 
 def _retraining(game: str, method: str, rng: np.random.Generator) -> m.RetrainingCurve:
-    lines = [
-        m.RetrainingLine(opponent=o, win=_line(rng, t), win_or_tie=_line(rng, t + 0.05))
-        for o, t in (("baseline", 0.7), (method, 0.9))
+    groups = [
+        _group(o, game, {"win": _line(rng, top), "win_or_tie": _line(rng, top + 0.05)}, [])
+        for o, top in (("baseline", 0.7), (method, 0.9))
     ]
     return m.RetrainingCurve(
         game=game,
@@ -286,7 +296,7 @@ def _retraining(game: str, method: str, rng: np.random.Generator) -> m.Retrainin
         steps=1_000_000,
         planned_steps=10_000_000,
         status="stopped",
-        lines=lines,
+        groups=groups,
     )
 
 
@@ -317,7 +327,7 @@ def _ablation(rng: np.random.Generator) -> m.Ablation:
     )
 
 
-def _ending(table: m.Table, row: list[m.Cell], cell: m.Cell) -> m.Endings:
+def _ending(table: t.Table, row: list[t.Cell], cell: t.Cell) -> m.Endings:
     score = cell.scores[0] if cell.scores else None
     return m.Endings(
         table=table.id,
@@ -333,34 +343,46 @@ def _ending(table: m.Table, row: list[m.Cell], cell: m.Cell) -> m.Endings:
     )
 
 
-def _crossplay(game: str, rng: np.random.Generator) -> m.CrossPlayMatrix:
+def _crossplay(game: str, rng: np.random.Generator) -> CrossPlay:
     adversaries, victims = COLUMNS, ["original", "vs adrl", "vs apl", "vs apil", "vs e_apil"]
-    wins = rng.integers(50, 900, (5, 5))
-    return m.CrossPlayMatrix(
-        game=game,
-        setting="fast physics, sampled actions",
-        adversaries=adversaries,
-        victims=victims,
-        episodes=EPISODES,
-        win=[[share([int(w)], [EPISODES]) for w in row] for row in wins],
-        win_or_tie=[[share([int(w) + 40], [EPISODES]) for w in row] for row in wins],
+    return CrossPlay(
+        env=game,
+        adversaries=[Player(name=label, sha256="", label=label) for label in adversaries],
+        victims=[Player(name=label, sha256="", label=label) for label in victims],
+        scores=[[result(game, int(wins), 40) for wins in row] for row in rng.integers(50, 900, (5, 5))],
+        created="2026-11-22",
     )
 
 
-def _activations(game: str, rng: np.random.Generator) -> m.Activations:
-    clouds = [
-        m.ActivationCloud(
-            opponent=name,
-            points=[(float(x), float(y)) for x, y in rng.normal(8 * i, 6, (150, 2))],
-            log_likelihood=-90.0 - 14 * i,
-            low=-93.0 - 14 * i,
-            high=-87.0 - 14 * i,
-            games=40,
-        )
-        for i, name in enumerate(COLUMNS)
-    ]
-    return m.Activations(
-        game=game, victim="zoo:kicker-1", layer="LSTM's h", clouds=clouds, notes=["40 games per opponent."]
+def _activations(game: str, rng: np.random.Generator) -> ActivationMap:
+    return ActivationMap(
+        env=game,
+        victim="zoo:kicker-1",
+        victim_sha256="",
+        layer="LSTM's h",
+        units=128,
+        opponents=COLUMNS,
+        players=[Player(name=label, sha256="", label=label) for label in COLUMNS],
+        points=[
+            [(float(x), float(y)) for x, y in rng.normal(8 * i, 6, (150, 2))] for i, _ in enumerate(COLUMNS)
+        ],
+        log_likelihood=[
+            LogLikelihood(mean=-90.0 - 14 * i, low=-93.0 - 14 * i, high=-87.0 - 14 * i, n=40, explained=0.9)
+            for i, _ in enumerate(COLUMNS)
+        ],
+        fitted=-80.0,
+        games_per_opponent=40,
+        samples_per_game=50,
+        components=3,
+        bic={3: 1.0},
+        variance=0.99,
+        dimensions=12,
+        explained=0.99,
+        perplexity=30.0,
+        seed=0,
+        num_envs=40,
+        versions={},
+        created="2026-11-22",
     )
 
 

@@ -19,9 +19,10 @@ from apil_core.studies.bench.cells import Cell, resolve_matrix
 from apil_core.studies.bench.folder import BenchDir, write_score
 from apil_core.studies.bench.matrix import Matrix
 from apil_core.studies.report import cells
-from apil_core.studies.report.evidence import gather
-from apil_core.studies.report.models import Evidence, Side, Table
+from apil_core.studies.report.models import ReportData
 from apil_core.studies.report.paper_claims import ORDER
+from apil_core.studies.report.report_data import gather
+from apil_core.studies.report.table_models import Side, Table
 from apil_core.training.storage.recorders import JsonlRecorder
 from apil_core.training.storage.run_dir import RunDir
 
@@ -173,7 +174,7 @@ def sample_bench(path: Path) -> BenchDir:
     return bench
 
 
-def sample_evidence(path: Path) -> Evidence:
+def sample_data(path: Path) -> ReportData:
     """What the report says about it."""
     return gather([sample_bench(path).path])
 
@@ -220,7 +221,8 @@ def _retrained(bench: BenchDir) -> None:
     for i in range(5):
         counts = {"games": 500, "wins": 100 + 50 * i, "ties": 5}
         opponents = {f"opponent/{label}/{k}": v for label in config.labels for k, v in counts.items()}
-        recorder.record({"iteration": i + 1, "steps": 100_000 * (i + 1), "games": 50, **opponents})
+        row = {"iteration": i + 1, "steps": 100_000 * (i + 1), "games": 50, "window_games": 1000}
+        recorder.record({**row, **opponents})
     recorder.close()
     folder.files.write_json(folder.files.result_path, {"status": "finished", "steps": 500_000})
 

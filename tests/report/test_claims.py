@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from apil_core.studies.report.claims import claims
-from apil_core.studies.report.models import Check, Claim, Setting, Table, Truth
+from apil_core.studies.report.models import Check, Claim, Truth
 from apil_core.studies.report.paper_claims import ORDER, lost_when_blinded, lost_when_retrained, pairs_above
 from apil_core.studies.report.published import published
+from apil_core.studies.report.table_models import Setting, Table
 from report.sample import KICK, Counts, hand_table
 
 FULL, SHORT = 35_000_000, 1_000_000

@@ -11,8 +11,8 @@ from studies.paper_runs import VICTIM, row
 from apil_core.config.resolve import complete
 from apil_core.plugins.registry import default_plugins
 from apil_core.studies.bench.folder import write_score
-from apil_core.studies.report.evidence import gather
-from apil_core.studies.report.models import Evidence
+from apil_core.studies.report.models import ReportData
+from apil_core.studies.report.report_data import gather
 from apil_core.training.storage.run_dir import RunDir
 from report.sample import KICK, VICTIMS, result, write_run
 
@@ -30,18 +30,18 @@ def _run(path: Path, wins: int, score: dict[str, Any] | None = None, **changes: 
     return run
 
 
-def _numbers(evidence: Evidence) -> list[list[float]]:
+def _numbers(data: ReportData) -> list[list[float]]:
     """Shares per seed of every cell of table 1."""
     return [
         cell.win.measured.per_seed
-        for table in evidence.tables
+        for table in data.tables
         for row in table.rows
         for cell in row
         if cell.win.measured is not None
     ]
 
 
-def _gather(*runs: RunDir) -> Evidence:
+def _gather(*runs: RunDir) -> ReportData:
     return gather([run.path for run in runs])
 
 

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-import plotly.graph_objects as go
+import re
+from typing import Any
+
 import pytest
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
 from apil_core.common import colours
+from apil_core.common.charts import Pen, web
 from apil_core.studies.curves.curves import WIN, WIN_OR_TIE
 from apil_core.studies.report.figures import palette
 from apil_core.studies.report.figures.activations import activation_plots
-from apil_core.studies.report.figures.curves import learning_curves, retraining_curves
-from apil_core.studies.report.figures.diagnostics import diagnostic_plots
+from apil_core.studies.report.figures.crossplay import crossplay_maps
+from apil_core.studies.report.figures.curves import diagnostic_plots, learning_curves, retraining_curves
 from apil_core.studies.report.figures.dots import ablation_dots, aggregate_dots
 from apil_core.studies.report.figures.endings import SEEING, ending_bars
-from apil_core.studies.report.figures.heat import crossplay_maps
-from apil_core.studies.report.figures.plot import scale_top
-from apil_core.studies.report.models import Evidence
-from apil_core.studies.report.page import render
+from apil_core.studies.report.figures.plot import Plot, scale_top
+from apil_core.studies.report.models import ReportData
 from apil_core.studies.report.page_sections import sections
 from report import page_sample
 
@@ -24,152 +27,188 @@ SETTINGS = {"s1": "main"}
 
 
 @pytest.fixture(scope="module")
-def evidence() -> Evidence:
-    return page_sample.evidence()
+def data() -> ReportData:
+    return page_sample.report_data()
 
 
 @pytest.fixture(scope="module")
-def pens(evidence: Evidence) -> dict[str, palette.Pen]:
-    return palette.pens(evidence.columns)
+def pens(data: ReportData) -> dict[str, Pen]:
+    return palette.pens(data.columns)
 
 
-def test_plotly_knows_every_name_and_value(evidence, pens):
-    plots = [plot for section in sections(evidence, pens) for plot in section.plots]
+def drawn(plot: Plot) -> Any:
+    axis = Figure().subplots()
+    plot.draw(axis)
+    return axis
+
+
+def whiskers(axis: Any) -> list[tuple[float, float, float]]:
+    """Value, low and high of every mark with a level interval."""
+    found = []
+    for container in axis.containers:
+        line, _, (bar,) = container.lines
+        (low, _), (high, _) = bar.get_segments()[0]
+        found.append((float(line.get_xdata()[0]), float(low), float(high)))
+    return found
+
+
+def test_every_figure_is_drawn_and_has_words(data, pens):
+    plots = [plot for section in sections(data, pens) for plot in section.plots]
     assert len(plots) > 20
-    for plot in plots:
-        go.Figure(plot.figure)  # raises for anything that plotly.js would ignore in silence
-        assert plot.alt
-        assert plot.title
+    assert all(plot.alt and plot.title for plot in plots)
+    assert len({(plot.title, plot.caption) for plot in plots}) == len(plots)
 
 
-def test_learning_curves_are_the_lines_in_percent_with_their_bands(evidence, pens):
-    panel = evidence.curves[0]
+def test_the_page_has_variables_for_placeholders(data, pens):
+    """No placeholder is left, no colour is of one theme only, and ids differ from figure to figure."""
+    plot = learning_curves(data.curves[:1], pens, SETTINGS)[0]
+    svg, again = str(plot.svg("a")), str(plot.svg("a"))
+    assert svg == again
+    assert svg.startswith('<svg viewBox="0 0 360 ')
+    assert "var(--line-0)" in svg
+    assert "var(--ink)" in svg
+    assert not re.search(r"#[0-9a-f]{6}\b|<style|metadata|DejaVu", svg)
+    ids = [set(re.findall(r' id="([^"]+)"', str(text))) for text in (svg, plot.svg("b"))]
+    assert ids[0]
+    assert not ids[0] & ids[1]
+
+
+def test_a_name_that_looks_like_a_placeholder_stays_text(data):
+    aggregate = data.aggregates[0].model_copy(update={"column": "#0b00fe"})
+    svg = str(aggregate_dots([aggregate], {}, {})[0].svg("a"))
+    assert ">#0b00fe</text>" in svg
+
+
+def test_learning_curves_are_the_lines_in_percent_with_their_bands(data, pens):
+    panel = data.curves[0]
     plot = learning_curves([panel], pens, SETTINGS)[0]
-    line = panel.lines[0].lines[WIN]
-    low, high, middle = plot.figure["data"][:3]
-    assert middle["x"] == line.steps
-    assert middle["y"] == pytest.approx([100 * v for v in line.value], abs=0.005)
-    assert low["y"] == pytest.approx([100 * v for v in line.low], abs=0.005)
-    assert high["y"] == pytest.approx([100 * v for v in line.high], abs=0.005)
-    assert high["fill"] == "tonexty"
-    assert middle["line"]["color"] == pens["adrl"].colour
-    assert plot.figure["layout"]["shapes"][0]["y0"] == 28.4
+    axis, line = drawn(plot), panel.groups[0].lines[WIN]
+    middle = axis.lines[0]
+    assert list(middle.get_xdata()) == line.steps
+    assert list(middle.get_ydata()) == pytest.approx([100 * v for v in line.value])
+    assert middle.get_color() == pens["adrl"].colour
+    band = axis.collections[0].get_paths()[0].vertices
+    assert band[:, 1].max() == pytest.approx(100 * max(line.high))
+    assert band[:, 1].min() == pytest.approx(100 * min(line.low))
+    assert [text.get_text() for text in axis.texts] == ["baseline 28.4 %"]
     assert plot.facets == {"game": panel.game, "measure": WIN, "setting": "s1"}
     assert f"adrl {100 * line.value[-1]:.1f} %" in plot.alt
 
 
-def test_scores_are_points_with_their_intervals(evidence, pens):
-    panel = evidence.curves[0]
-    rate = panel.lines[0].scores[0].win
-    traces = learning_curves([panel], pens, SETTINGS)[0].figure["data"]
-    point = next(t for t in traces if t.get("name") == "adrl, scored")
-    assert point["y"] == [pytest.approx(100 * rate.value, abs=0.005)]
-    assert point["error_y"]["array"] == [pytest.approx(100 * (rate.high - rate.value), abs=0.02)]
-    assert point["error_y"]["arrayminus"] == [pytest.approx(100 * (rate.value - rate.low), abs=0.02)]
+def test_scores_are_points_with_their_intervals(data, pens):
+    panel = data.curves[0]
+    rate = panel.groups[0].curves[0].scores[0].win
+    line, _, (bar,) = drawn(learning_curves([panel], pens, SETTINGS)[0]).containers[0].lines
+    assert line.get_ydata()[0] == pytest.approx(100 * rate.value)
+    (_, low), (_, high) = bar.get_segments()[0]
+    assert (low, high) == pytest.approx((100 * rate.low, 100 * rate.high))
 
 
-def test_both_shares_of_a_game_have_one_scale_from_nought(evidence, pens):
-    plots = learning_curves(evidence.curves[:1], pens, SETTINGS)
-    ranges = {p.facets["measure"]: p.figure["layout"]["yaxis"].get("range") for p in plots}
-    assert ranges[WIN] == ranges[WIN_OR_TIE]
-    assert ranges[WIN][0] == 0
+def test_both_shares_of_a_game_have_one_scale_from_nought(data, pens):
+    plots = {p.facets["measure"]: p for p in learning_curves(data.curves[:1], pens, SETTINGS)}
+    scales = [drawn(plots[name]).get_ylim() for name in (WIN, WIN_OR_TIE)]
+    assert scales[0] == scales[1]
+    assert scales[0][0] == 0
 
 
-def test_retraining_shows_each_opponent_on_its_own(evidence, pens):
-    curve = evidence.retraining[0]
+def test_retraining_shows_each_opponent_on_its_own(data, pens):
+    curve = data.retraining[0]
     plot = retraining_curves([curve], pens)[0]
-    middles = {t["name"]: t["y"] for t in plot.figure["data"] if "name" in t}
-    assert list(middles) == ["against baseline", "against apil"]
-    assert middles["against apil"] == pytest.approx([100 * v for v in curve.lines[1].win.value], abs=0.005)
+    axis = drawn(plot)
+    assert [line.get_label() for line in axis.lines] == ["baseline", "apil"]
+    expected = [100 * v for v in curve.groups[1].lines[WIN].value]
+    assert list(axis.lines[1].get_ydata()) == pytest.approx(expected)
+    assert axis.lines[1].get_color() == pens["apil"].colour
     assert plot.caption == "1 M of 10 M steps, stopped."
 
 
-def test_endings_add_up_and_keep_their_counts(evidence, pens):
-    game = evidence.games[0]
-    group = [e for e in evidence.endings if e.game == game and e.table == "t1-s1"]
-    outcome, cause = ending_bars(group, {"t1-s1": SEEING}, SETTINGS)
-    wins, ties, losses = outcome.figure["data"]
-    assert wins["customdata"] == [e.wins for e in group]
-    assert wins["x"] == pytest.approx([100 * e.wins / e.episodes for e in group], abs=0.005)
-    for shares in zip(wins["x"], ties["x"], losses["x"], strict=True):
-        assert sum(shares) == pytest.approx(100, abs=0.02)
-    by_name = {t["name"]: t["customdata"] for t in cause.figure["data"]}
-    assert by_name["goal"] == [e.causes["goal"] for e in group]
+def test_endings_add_up(data, pens):
+    game = data.games[0]
+    group = [e for e in data.endings if e.game == game and e.table == "t1-s1"]
+    outcome, cause = (drawn(plot) for plot in ending_bars(group, {"t1-s1": SEEING}, SETTINGS))
+    wins, _, losses = outcome.containers
+    widths = [bar.get_width() for bar in wins]
+    assert widths == pytest.approx([100 * e.wins / e.episodes for e in group])
+    assert [bar.get_x() + bar.get_width() for bar in losses] == pytest.approx([100] * len(group))
+    goal = next(bars for bars in cause.containers if bars.get_label() == "goal")
+    assert [b.get_width() for b in goal] == pytest.approx(
+        [100 * e.causes["goal"] / e.episodes for e in group]
+    )
 
 
-def test_games_without_endings_have_no_bar(evidence, pens):
-    empty = [e.model_copy(update={"episodes": 0}) for e in evidence.endings]
+def test_games_without_endings_have_no_bar(data):
+    empty = [e.model_copy(update={"episodes": 0}) for e in data.endings]
     assert ending_bars(empty, {}, SETTINGS) == []
 
 
-def test_crossplay_map_has_adversaries_in_rows_and_values_in_fields(evidence):
-    matrix = evidence.crossplay[0]
-    figure = crossplay_maps([matrix])[0].figure
-    trace = figure["data"][0]
-    assert trace["z"][1][2] == pytest.approx(100 * matrix.win[1][2].value, abs=0.005)
-    assert trace["text"][1][2].startswith(f"{100 * matrix.win[1][2].value:.1f}<br>")
-    assert trace["y"] == matrix.adversaries
-    assert trace["x"] == matrix.victims
-    assert figure["layout"]["yaxis"]["autorange"] == "reversed"  # first row on top, as in tables
+def test_crossplay_map_has_adversaries_in_rows_and_values_in_fields(data):
+    document = data.crossplay[0]
+    plot = crossplay_maps([document])[0]
+    axis = drawn(plot)
+    rate = document.scores[1][2].win_rate
+    assert axis.collections[0].get_array()[1, 2] == pytest.approx(rate.value)
+    text = next(t for t in axis.texts if t.get_position() == (2.5, 1.5)).get_text()
+    assert text == f"{100 * rate.value:.1f}\n[{100 * rate.low:.1f}, {100 * rate.high:.1f}]"
+    assert [label.get_text() for label in axis.get_yticklabels()] == [p.label for p in document.adversaries]
+    assert axis.get_ylim() == (5, 0)  # first row on top, as in tables
 
 
-def test_pairings_to_come_are_empty_fields(evidence):
-    matrix = evidence.crossplay[0].model_copy(deep=True)
-    matrix.win[1][2] = matrix.win_or_tie[1][2] = None
-    plot = crossplay_maps([matrix])[0]
-    trace = go.Figure(plot.figure).data[0]
-    assert (trace.z[1][2], trace.text[1][2]) == (None, "")
-    assert f"{matrix.victims[2]} not yet" in plot.alt
-    assert "not played yet" in render(evidence.model_copy(update={"crossplay": [matrix]}))
+def test_pairings_to_come_are_empty_fields(data):
+    document = data.crossplay[0].model_copy(deep=True)
+    document.scores[1][2] = None
+    plot = crossplay_maps([document])[0]
+    assert drawn(plot).collections[0].get_array().mask[1, 2]
+    assert len(drawn(plot).texts) == 24
+    assert f"{document.victims[2].label} not yet" in plot.alt
 
 
-def test_ablation_dots_have_values_and_intervals(evidence):
-    ablation = evidence.ablations[0]
-    trace = ablation_dots([ablation], SETTINGS)[0].figure["data"][0]
+def test_ablation_dots_have_values_and_intervals(data):
+    ablation = data.ablations[0]
+    axis = drawn(ablation_dots([ablation], SETTINGS)[0])
     share = ablation.rows[1].cell.win.measured
     assert share is not None
-    assert trace["y"] == [row.value for row in ablation.rows]
-    assert trace["x"][1] == pytest.approx(100 * share.value, abs=0.005)
-    assert trace["error_x"]["array"][1] == pytest.approx(100 * (share.high - share.value), abs=0.02)
+    assert [label.get_text() for label in axis.get_yticklabels()] == [row.value for row in ablation.rows]
+    expected = [100 * end for end in (share.value, share.low, share.high)]
+    assert whiskers(axis)[3] == pytest.approx(expected)  # win or tie first, in each row
 
 
-def test_aggregates_without_interval_have_no_error_bar(evidence, pens):
-    group = [a for a in evidence.aggregates if a.metric == "win" and a.column in ("apl", "apil")]
-    without, with_interval = aggregate_dots(group, pens, SETTINGS)[0].figure["data"]
-    assert without["error_x"]["array"] == [0]
-    assert with_interval["error_x"]["array"] == [pytest.approx(5.0)]
-    assert with_interval["error_x"]["arrayminus"] == [pytest.approx(6.0)]
+def test_aggregates_without_interval_have_no_error_bar(data, pens):
+    group = [a for a in data.aggregates if a.metric == "win" and a.column in ("apl", "apil")]
+    without, with_interval = whiskers(drawn(aggregate_dots(group, pens, SETTINGS)[0]))
+    assert without == pytest.approx((40, 40, 40))
+    assert with_interval == pytest.approx((50, 44, 55))
 
 
-def test_activation_points_and_likelihoods(evidence, pens):
-    cloud = evidence.activations[0].clouds[1]
-    points, dots = activation_plots(evidence.activations[:1], pens)
-    assert points.figure["data"][1]["x"] == pytest.approx([x for x, _ in cloud.points], rel=1e-4)
-    assert dots.figure["data"][1]["x"] == [cloud.log_likelihood]
-    assert dots.figure["data"][1]["error_x"]["array"] == [3.0]
+def test_activation_points_and_likelihoods(data, pens):
+    found = data.activations[0]
+    cloud, dots = activation_plots([found], pens)
+    patch = drawn(cloud).patches[1]
+    assert patch.get_path().vertices[::2].tolist() == [list(point) for point in found.points[1]]
+    assert to_hex(patch.get_edgecolor()) == pens["adrl"].colour
+    each = found.log_likelihood[1]
+    assert whiskers(drawn(dots))[1] == pytest.approx((each.mean, each.low, each.high))
 
 
-def test_diagnostics_over_decades_have_a_logarithmic_axis(evidence, pens):
-    diagnostic = evidence.diagnostics[0]
+def test_diagnostics_over_decades_have_a_logarithmic_axis(data, pens):
+    diagnostic = data.diagnostics[0]
     line = diagnostic.lines["kl"]
     wide = diagnostic.model_copy(
         update={"lines": {"kl": line.model_copy(update={"value": [1e-4, *line.value[1:]]})}}
     )
-    plain, logarithmic = (diagnostic_plots([d], pens, SETTINGS)[0] for d in (diagnostic, wide))
-    assert plain.figure["data"][0]["y"] == pytest.approx(line.value, rel=1e-4)
-    assert "type" not in plain.figure["layout"]["yaxis"]
-    assert logarithmic.figure["layout"]["yaxis"]["type"] == "log"
+    plain, logarithmic = (drawn(diagnostic_plots([d], pens, SETTINGS)[0]) for d in (diagnostic, wide))
+    assert list(plain.lines[0].get_ydata()) == line.value
+    assert (plain.get_yscale(), logarithmic.get_yscale()) == ("linear", "log")
 
 
 def test_methods_have_the_projects_colours_wherever_they_appear(pens):
     found = {name: light for name, light, _ in palette.variables()}
     for i, method in enumerate(("adrl", "apl", "apil", "e_apil")):
-        assert pens[method].name == f"line-{i}"
-        assert found[f"line-{i}"] == palette.css(colours.LINES[i])
+        assert palette.with_variables(pens[method].colour) == f"var(--line-{i})"
+        assert found[f"line-{i}"] == web(colours.LINES[i])
     assert palette.pen_of(pens, "vs apil") == palette.pen_of(pens, "apil/s1") == pens["apil"]
-    assert palette.pen_of(pens, "unknown").name == "line-baseline"
-    assert len({(pen.name, pen.dash) for pen in pens.values()}) == len(pens)
-    assert len({pen.symbol for pen in pens.values()}) == len(pens)
+    assert palette.pen_of(pens, "unknown").colour == pens["baseline"].colour
+    many = palette.pens(["baseline", *(f"m{i}" for i in range(20))])
+    assert len({(pen.colour, pen.dashes) for pen in many.values()}) == 21
 
 
 def test_colours_stand_out_from_the_dark_ground():

@@ -16,7 +16,8 @@ from apil_core.studies.bench.folder import BenchDir, read_score, write_score
 from apil_core.studies.bench.jobs import make_jobs
 from apil_core.studies.bench.matrix import Matrix
 from apil_core.studies.bench.work import perform
-from apil_core.studies.report.evidence import gather
+from apil_core.studies.report.page import render
+from apil_core.studies.report.report_data import gather
 
 TOY = "toy-pursuit"
 EPISODES = 40
@@ -48,9 +49,9 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> BenchDir:
 
 
 def test_its_numbers_are_those_of_its_scores(bench: BenchDir) -> None:
-    evidence = gather([bench.path])
-    assert [(table.number, table.blind) for table in evidence.tables] == [(1, None), (2, "zeros")]
-    for table, name in zip(evidence.tables, ("plain", "blinded"), strict=True):
+    data = gather([bench.path])
+    assert [(table.number, table.blind) for table in data.tables] == [(1, None), (2, "zeros")]
+    for table, name in zip(data.tables, ("plain", "blinded"), strict=True):
         for own in table.rows[0]:
             score = read_score(bench.cell(f"{TOY}/{own.column}/s0").path, name)
             if own.column == "baseline":
@@ -62,10 +63,22 @@ def test_its_numbers_are_those_of_its_scores(bench: BenchDir) -> None:
             assert (own.win.measured.low, own.win.measured.high) == (score.win_rate.low, score.win_rate.high)
             assert own.win_or_tie.measured.value == score.win_or_tie_rate.value
             assert own.scores[0].causes == dict(sorted(score.causes.items(), key=lambda item: -item[1]))
-    assert evidence.unfinished == []
-    assert len(evidence.provenance.runs) == 2
-    assert evidence.crossplay[0].episodes == EPISODES
-    assert {"kl", "bound"} <= evidence.diagnostics[0].lines.keys()
+    assert data.unfinished == []
+    assert len(data.provenance.runs) == 2
+    assert {score.episodes for score in data.crossplay[0].played} == {EPISODES}
+    assert {"kl", "bound"} <= data.diagnostics[0].lines.keys()
+
+
+def test_a_game_that_the_paper_never_played_has_no_claim_and_no_budget_of_it(bench: BenchDir) -> None:
+    data = gather([bench.path])
+    assert data.claims == []
+    (setting,) = data.settings
+    assert (setting.published_steps, setting.budget, setting.matches_published) == (None, "", False)
+    kinds = {warning.kind for warning in data.warnings if warning.loud}
+    assert not kinds & {"budget", "action modes"}
+    words = [mark for row in data.tables[0].rows for cell in row for mark in cell.marks]
+    assert set(words) == {"1 seed", f"{EPISODES} games"}
+    assert "published budget" not in render(data)
 
 
 def test_a_baseline_of_other_games_is_not_taken(bench: BenchDir) -> None:
@@ -90,10 +103,11 @@ def test_the_command_writes_tables_and_says_what_it_found(
 ) -> None:
     assert report([bench.path], tables_only=True) == 0
     out = capsys.readouterr().out
-    assert "2.05 k of 35 M = 0.0059 % of the published budget" in out
-    assert "cannot be told" in out
+    assert "least: 1" in out  # seeds
+    assert "page" not in out
     names = {path.name for path in (bench.report / "tables").iterdir()}
-    assert {"t1-s1.csv", "t1-s1.md", "t1-s1.tex", "report.md", "differences.csv", "runs.csv"} <= names
+    assert {"t1-s1.csv", "t1-s1.tex", "differences.csv", "runs.csv"} <= names
+    assert {name.rpartition(".")[2] for name in names} == {"csv", "tex"}
     assert not (bench.report / "index.html").exists()
 
 

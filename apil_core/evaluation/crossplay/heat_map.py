@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from apil_core.common import colours
-from apil_core.common.charts import GREY, STYLE, check_picture
+from apil_core.common.charts import GREY, write_picture
 from apil_core.common.colours import Colour
-from apil_core.common.files import write_atomically
 from apil_core.evaluation.crossplay.document import SHARES, CrossPlay, Share, share_of
 
-_TITLES: dict[Share, str] = {
+TITLES: dict[Share, str] = {
     "win": "games won by the adversary, %",
     "win_or_tie": "games won or tied by the adversary, %",
 }
+"""Of panels."""
+
 _CELL = (1.35, 0.62)  # inches
 _LETTER = 0.085  # inches, of the labels' font
 _DARK = 0.33
@@ -36,11 +36,7 @@ def draw_crossplay(document: CrossPlay, path: Path) -> None:
     Raises:
         ApilError: the file cannot be written, or not in that format.
     """
-    check_picture(path)
-    with style.context(["default", STYLE, {"axes.grid": False, "axes.spines.left": False}]):
-        figure = _figure(document)
-        kind = path.suffix[1:].lower()
-        write_atomically(path, lambda file: figure.savefig(file, format=kind, dpi=150))
+    write_picture(path, lambda: _figure(document), axes_grid=False)
 
 
 def _figure(document: CrossPlay) -> Figure:
@@ -52,14 +48,9 @@ def _figure(document: CrossPlay) -> Figure:
     figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08))
     axes = figure.subplots(1, 2, squeeze=False)[0]
     for axis, share in zip(axes, SHARES, strict=True):
-        _panel(axis, document, share)
-        axis.set_title(_TITLES[share])
-        axis.set_xticks(range(len(columns)), columns)
-        axis.set_yticks(range(len(rows)), rows if share == "win" else [""] * len(rows))
-        axis.set_xlabel("victim")
-        axis.tick_params(length=0)
-        axis.spines[:].set_visible(False)
-    axes[0].set_ylabel("adversary")
+        draw_matrix(axis, document, share)
+        axis.set_title(TITLES[share])
+    axes[1].set(yticklabels=[], ylabel="")
     some = document.played[0]
     physics = f", {some.physics} physics" if some.physics else ""
     figure.suptitle(
@@ -76,24 +67,34 @@ def _figure(document: CrossPlay) -> Figure:
     return figure
 
 
-def _panel(axis: Axes, document: CrossPlay, share: Share) -> None:
+def draw_matrix(axis: Axes, document: CrossPlay, share: Share, ground: str = "white") -> None:
+    """One share of every pairing, with its interval; pairings that were not played are left blank.
+
+    Args:
+        axis: where.
+        document: what was played.
+        share: which one.
+        ground: colour of the gaps between cells.
+    """
     values = [
         [float("nan") if score is None else share_of(score, share).value for score in row]
         for row in document.scores
     ]
-    axis.imshow(values, cmap=_colour_map(), vmin=0, vmax=1, aspect="auto")
+    axis.pcolormesh(values, cmap=_colour_map(), vmin=0, vmax=1, edgecolors=ground, linewidth=2)
     for i, row in enumerate(document.scores):
         for j, score in enumerate(row):
             if score is None:
                 continue
             rate = share_of(score, share)
             text = f"{100 * rate.value:.1f}\n[{100 * rate.low:.1f}, {100 * rate.high:.1f}]"
-            dark = abs(rate.value - 0.5) < _DARK
-            axis.text(j, i, text, ha="center", va="center", fontsize=9, color="#1d2127" if dark else "white")
-    axis.set_xticks([j + 0.5 for j in range(len(document.victims) - 1)], minor=True)
-    axis.set_yticks([i + 0.5 for i in range(len(document.adversaries) - 1)], minor=True)
-    axis.tick_params(which="minor", length=0)
-    axis.grid(which="minor", color="white", linewidth=2)
+            ink = "#1d2127" if abs(rate.value - 0.5) < _DARK else "white"
+            axis.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=9, color=ink)
+    columns, rows = ([player.label for player in side] for side in (document.victims, document.adversaries))
+    axis.set_xticks([j + 0.5 for j in range(len(columns))], columns)
+    axis.set_yticks([i + 0.5 for i in range(len(rows))], rows)
+    axis.set(xlabel="victim", ylabel="adversary", ylim=(len(rows), 0))
+    axis.tick_params(length=0)
+    axis.spines[:].set_visible(False)
 
 
 def _colour_map() -> LinearSegmentedColormap:

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
+from pathlib import Path as FilePath
 
-from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 
-from apil_core.common import colours
-from apil_core.common.charts import GREY, STYLE, check_picture
-from apil_core.common.files import write_atomically
+from apil_core.common.charts import GREY, NORMAL, Pen, pens, whisker, write_picture
 from apil_core.studies.activations.models import ActivationMap
 
-_MARKERS = "osD^vP*"
 _SIZE = (10.4, 5.0)  # inches
 _ROW = 0.42  # inches, of an opponent in the right panel
 
 
-def draw_activations(found: ActivationMap, path: Path, *, methods: Sequence[str] = ()) -> None:
+def draw_activations(found: ActivationMap, path: FilePath, *, methods: Sequence[str] = ()) -> None:
     """Draw a map, atomically; a file of that name is replaced.
 
     Args:
@@ -32,35 +30,26 @@ def draw_activations(found: ActivationMap, path: Path, *, methods: Sequence[str]
     Raises:
         ApilError: the file cannot be written, or not in that format.
     """
-    check_picture(path)
-    with style.context(["default", STYLE]):
-        figure = _figure(found, _pens(found, methods))
-        kind = path.suffix[1:].lower()
-        write_atomically(path, lambda file: figure.savefig(file, format=kind, dpi=150))
-
-
-Pen = tuple[tuple[float, ...], str]
-"""Colour and marker."""
+    write_picture(path, lambda: _figure(found, _pens(found, methods)))
 
 
 def _pens(found: ActivationMap, methods: Sequence[str]) -> list[Pen]:
     normal, *others = found.opponents
     order = list(dict.fromkeys([*(name for name in methods if name != normal), *others]))
-    pens = [(tuple(channel / 255 for channel in colours.NEUTRAL), "o")]
-    for label in others:
-        i = order.index(label)
-        colour = colours.LINES[i % len(colours.LINES)]
-        pens.append((tuple(channel / 255 for channel in colour), _MARKERS[(i + 1) % len(_MARKERS)]))
-    return pens
+    known = dict(zip(order, pens(len(order)), strict=True))
+    return [NORMAL, *(known[label] for label in others)]
 
 
-def _figure(found: ActivationMap, pens: Sequence[Pen]) -> Figure:
+def _figure(found: ActivationMap, drawn: Sequence[Pen]) -> Figure:
     height = max(_SIZE[1], _ROW * len(found.opponents) + 1.8)
     layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08)
     figure = Figure(figsize=(_SIZE[0], height), layout=layout)
     left, right = figure.subplots(1, 2, width_ratios=[1.25, 1])
-    _cloud(left, found, pens)
-    _likelihood(right, found, pens)
+    draw_map(left, found, drawn)
+    left.set_title(f"t-SNE of {found.units} units, by opponent")
+    left.legend(loc="upper center", bbox_to_anchor=(0.5, 0), ncols=3, handletextpad=0.2)
+    draw_likelihood(right, found, drawn)
+    right.set_title("log-likelihood under normal play, nats")
     physics = f", {found.physics} physics" if found.physics else ""
     title = f"Activations of {found.victim} in {found.env}{physics}"
     figure.suptitle(title, x=0.01, ha="left", size=12, weight="bold")
@@ -68,37 +57,36 @@ def _figure(found: ActivationMap, pens: Sequence[Pen]) -> Figure:
     return figure
 
 
-def _cloud(axis: Axes, found: ActivationMap, pens: Sequence[Pen]) -> None:
-    for label, points, (colour, marker) in zip(found.opponents, found.points, pens, strict=True):
-        xs, ys = zip(*points, strict=True)
-        axis.scatter(xs, ys, s=9, color=colour, marker=marker, alpha=0.55, linewidths=0, label=label)
-    axis.set_title(f"t-SNE of {found.units} units, by opponent")
+def draw_map(axis: Axes, found: ActivationMap, drawn: Sequence[Pen]) -> None:
+    """The t-SNE, a colour for each opponent.
+
+    All points of one are one path of short strokes with round ends: as marks they make an SVG far larger.
+    """
+    span = max(max(map(abs, point)) for points in found.points for point in points)
+    for label, points, pen in zip(found.opponents, found.points, drawn, strict=True):
+        ends = [end for x, y in points for end in ((x, y), (x + 1e-3 * span, y))]
+        dots = Path(ends, [Path.MOVETO, Path.LINETO] * len(points))
+        axis.add_patch(
+            PathPatch(dots, fill=False, lw=3, ec=pen.colour, alpha=0.6, capstyle="round", label=label)
+        )
     axis.set_xticks([])
     axis.set_yticks([])
     axis.set_aspect("equal", "datalim")
+    axis.autoscale_view()
     axis.spines[:].set_visible(False)
-    axis.legend(loc="upper center", bbox_to_anchor=(0.5, 0), ncols=3, markerscale=2.2, handletextpad=0.2)
 
 
-def _likelihood(axis: Axes, found: ActivationMap, pens: Sequence[Pen]) -> None:
-    for row, (each, (colour, marker)) in enumerate(zip(found.log_likelihood, pens, strict=True)):
-        # rounding may put the end of an interval 1e-16 on the wrong side of the mean
-        reach = [[max(each.mean - each.low, 0.0)], [max(each.high - each.mean, 0.0)]]
-        axis.errorbar(each.mean, row, xerr=reach, fmt=marker, color=colour, markersize=7, capsize=3)
-        axis.annotate(
-            f"{each.mean:.1f}",
-            (each.mean, row),
-            (0, 9),
-            textcoords="offset points",
-            ha="center",
-            fontsize=8.5,
-        )
+def draw_likelihood(axis: Axes, found: ActivationMap, drawn: Sequence[Pen]) -> None:
+    """Mean log-likelihoods with their intervals, a row for each opponent."""
+    for row, (each, pen) in enumerate(zip(found.log_likelihood, drawn, strict=True)):
+        whisker(axis, row, (each.mean, each.low, each.high), pen, level=True, markersize=7, capsize=3)
+        text = axis.annotate(f"{each.mean:.1f}", (each.mean, row), (0, 9), textcoords="offset points")
+        text.set(horizontalalignment="center", fontsize=8.5)
     axis.axvline(found.log_likelihood[0].mean, color=GREY, linewidth=1, linestyle=":", zorder=1)
     axis.set_yticks(range(len(found.opponents)), found.opponents)
     axis.set_ylim(len(found.opponents) - 0.5, -0.6)
     axis.margins(x=0.1)
     axis.grid(axis="y", visible=False)
-    axis.set_title("log-likelihood under normal play, nats")
     axis.set_xlabel("less usual  ←  mean over games  →  more usual")
 
 

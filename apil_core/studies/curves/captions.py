@@ -60,7 +60,7 @@ def explanation(groups: Sequence[CurveGroup]) -> str:
     seeds = sorted({curve.seed for curve in curves})
     facts = f"{_span(budgets)} steps, {'seed' if len(seeds) == 1 else 'seeds'} {', '.join(map(str, seeds))}."
     lines = [f"{facts} Lines: the last {WINDOW} training games (fewer at first)."]
-    lines.append(f"Bands: {', '.join(_bands(groups))}.")
+    lines.append(f"Bands: {', '.join(bands(groups))}.")
     games = sorted({point.episodes for curve in curves for point in curve.scores})
     if games:
         lines.append(f"Points: evaluations of {_span(games)} games each, with 95 % intervals.")
@@ -73,7 +73,8 @@ def _span(numbers: Sequence[int]) -> str:
     return " to ".join(f"{number:,}" for number in ends)
 
 
-def _bands(groups: Sequence[CurveGroup]) -> Iterator[str]:
+def bands(groups: Sequence[CurveGroup]) -> Iterator[str]:
+    """What bands around lines are."""
     if any(len(group.curves) == 1 for group in groups):
         yield "95 % intervals of the shares"
     if any(len(group.curves) > 1 for group in groups):

@@ -4,43 +4,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from apil_core.common import colours
-from apil_core.common.charts import GREY, STYLE, check_picture
-from apil_core.common.colours import Colour
-from apil_core.common.files import write_atomically
-from apil_core.evaluation.results import Rate
+from apil_core.common.charts import GREY, Pen, pens, web, whisker, write_picture
 from apil_core.studies.curves.captions import Wording, legend
 from apil_core.studies.curves.curves import IMITATOR, RETURN, WIN, WIN_OR_TIE, Curve, Line
 from apil_core.studies.curves.groups import CurveGroup
 
-_TITLES = {
+TITLES = {
     WIN: "games won by {player}, %",
     WIN_OR_TIE: "games won or tied, %",
     RETURN: "the adversary's return per game",
     IMITATOR: "the imitator's squared error ÷ the best constant's",
 }
-_SHARES = (WIN, WIN_OR_TIE)
-_MARKERS = "osD^vP*"
+"""Of panels, by the name of their lines; other metrics stand for themselves."""
+
+SHARES = (WIN, WIN_OR_TIE)
 _PANEL = (5.2, 3.0)  # inches
 _LETTERS = 130  # of the legend's font that fit side by side
-
-
-@dataclass(frozen=True)
-class _Pen:
-    """How a group is drawn."""
-
-    colour: tuple[float, ...]
-    dashes: str
-    marker: str
 
 
 def draw_curves(groups: Sequence[CurveGroup], path: Path, wording: Wording | None = None) -> None:
@@ -54,11 +42,7 @@ def draw_curves(groups: Sequence[CurveGroup], path: Path, wording: Wording | Non
     Raises:
         ApilError: the file cannot be written, or not in that format.
     """
-    check_picture(path)
-    with style.context(["default", STYLE]):
-        figure = _figure(groups, wording or Wording.of_runs(groups))
-        kind = path.suffix[1:].lower()
-        write_atomically(path, lambda file: figure.savefig(file, format=kind, dpi=150))
+    write_picture(path, lambda: _figure(groups, wording or Wording.of_runs(groups)))
 
 
 def _figure(groups: Sequence[CurveGroup], wording: Wording) -> Figure:
@@ -67,14 +51,14 @@ def _figure(groups: Sequence[CurveGroup], wording: Wording) -> Figure:
     layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08)
     figure = Figure(figsize=(2 * _PANEL[0], rows * _PANEL[1] + 0.9), layout=layout)
     axes = list(figure.subplots(rows, 2, squeeze=False, sharex=True).flatten())
-    pens = _pens(len(groups))
+    drawn = pens(len(groups)) if len(groups) > 1 else [Pen(web(colours.ADVERSARY))]
     for axis, name in zip(axes, names, strict=False):
-        _panel(axis, name, groups, pens)
-        axis.set_title(_TITLES.get(name, name).replace("{player}", wording.player))
+        draw_panel(axis, name, groups, drawn)
+        axis.set_title(TITLES.get(name, name).replace("{player}", wording.player))
     for axis in axes[len(names) :]:
         axis.set_axis_off()
     axes[0].set_xlim(left=_first_step(groups))
-    _same_scale(axes[: len(_SHARES)])
+    _same_scale(axes[: len(SHARES)])
     _head(figure, axes[0], groups, wording.title)
     figure.supxlabel(wording.explanation, x=0.01, ha="left", fontsize=8, color=GREY)
     return figure
@@ -107,30 +91,30 @@ def _head(figure: Figure, axis: Axes, groups: Sequence[CurveGroup], title: str) 
     )
 
 
-def _pens(number: int) -> list[_Pen]:
-    palette: Sequence[Colour] = colours.LINES if number > 1 else (colours.ADVERSARY,)
-    return [
-        _Pen(
-            tuple(channel / 255 for channel in palette[i % len(palette)]),
-            ("-", "--", ":", "-.")[i // len(palette) % 4],
-            _MARKERS[i % len(_MARKERS)],
-        )
-        for i in range(number)
-    ]
+def draw_panel(axis: Axes, name: str, groups: Sequence[CurveGroup], drawn: Sequence[Pen]) -> None:
+    """Draw the line of that name of every group, single runs behind it, and evaluations on top.
 
-
-def _panel(axis: Axes, name: str, groups: Sequence[CurveGroup], pens: Sequence[_Pen]) -> None:
-    factor = 100.0 if name in _SHARES else 1.0
-    for group, pen in zip(groups, pens, strict=True):
+    Args:
+        axis: where; environment steps go to the right, shares are in per cent.
+        name: of the lines, see :mod:`.curves`; groups without it are left out.
+        groups: of runs.
+        drawn: a pen for each group.
+    """
+    factor = 100.0 if name in SHARES else 1.0
+    for group, pen in zip(groups, drawn, strict=True):
         if name in group.lines:
-            _line(axis, group.lines[name], factor, pen, legend(group))
-        if len(group.curves) > 1:
-            for curve in group.curves:
-                _faint(axis, curve, name, factor, pen)
-    if name in _SHARES:
-        _scores(axis, name, groups, pens)
+            draw_line(axis, group.lines[name], pen, legend(group), factor)
+        for curve in group.curves if len(group.curves) > 1 else ():
+            _faint(axis, curve, name, factor, pen)
+    if name in SHARES:
+        _scores(axis, name, groups, drawn)
     if name == IMITATOR:
         axis.axhline(1.0, color=GREY, linewidth=1.2, linestyle=":", zorder=1)
+    step_axis(axis)
+
+
+def step_axis(axis: Axes) -> None:
+    """Environment steps to the right, as 500k or 2M."""
     axis.set_xlabel("environment steps")
     axis.xaxis.set_major_formatter(EngFormatter(sep=""))
     axis.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
@@ -139,52 +123,32 @@ def _panel(axis: Axes, name: str, groups: Sequence[CurveGroup], pens: Sequence[_
     axis.margins(x=0.03)
 
 
-def _line(axis: Axes, line: Line, factor: float, pen: _Pen, label: str) -> None:
+def draw_line(axis: Axes, line: Line, pen: Pen, label: str, factor: float = 1.0) -> None:
+    """A line with its band; a single value is a mark."""
     value, low, high = ([factor * v for v in values] for values in (line.value, line.low, line.high))
     single = pen.marker if len(value) == 1 else None
-    axis.plot(
-        line.steps,
-        value,
-        color=pen.colour,
-        linestyle=pen.dashes,
-        marker=single,
-        linewidth=1.8,
-        label=label,
-        zorder=3,
-    )
+    style: dict[str, Any] = {"color": pen.colour, "linestyle": pen.dashes, "marker": single, "linewidth": 1.8}
+    axis.plot(line.steps, value, label=label, zorder=3, **style)
     if low:
         axis.fill_between(line.steps, low, high, color=pen.colour, alpha=0.15, linewidth=0, zorder=2)
 
 
-def _faint(axis: Axes, curve: Curve, name: str, factor: float, pen: _Pen) -> None:
+def _faint(axis: Axes, curve: Curve, name: str, factor: float, pen: Pen) -> None:
     line = curve.lines.get(name)
     if line is not None:
         value = [factor * v for v in line.value]
         axis.plot(line.steps, value, color=pen.colour, linewidth=0.7, alpha=0.45, zorder=2)
 
 
-def _scores(axis: Axes, name: str, groups: Sequence[CurveGroup], pens: Sequence[_Pen]) -> None:
+def _scores(axis: Axes, name: str, groups: Sequence[CurveGroup], drawn: Sequence[Pen]) -> None:
     """Evaluations with their intervals, moved apart a little where many share a number of steps."""
     span = max(curve.steps for group in groups for curve in group.curves)
-    runs = [(curve, pen) for group, pen in zip(groups, pens, strict=True) for curve in group.curves]
+    runs = [(curve, pen) for group, pen in zip(groups, drawn, strict=True) for curve in group.curves]
     for i, (curve, pen) in enumerate(runs):
         shift = min(0.012, 0.06 / len(runs)) * span * (i - (len(runs) - 1) / 2)
         for point in curve.scores:
-            rate: Rate = getattr(point, name)
-            # rounding may put the end of an interval 1e-16 on the wrong side of a share of 0 or 1
-            reach = (max(rate.value - rate.low, 0.0), max(rate.high - rate.value, 0.0))
-            axis.errorbar(
-                point.steps + shift,
-                100 * rate.value,
-                yerr=[[100 * length] for length in reach],
-                fmt=pen.marker,
-                color=pen.colour,
-                markersize=5.5,
-                markeredgecolor="white",
-                elinewidth=1.2,
-                capsize=2.5,
-                zorder=4,
-            )
+            rate = getattr(point, name)
+            whisker(axis, point.steps + shift, (rate.value, rate.low, rate.high), pen, factor=100.0)
 
 
 def _same_scale(axes: Sequence[Axes]) -> None:

@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from apil_core.studies.report.cells import cell, seed_scores
-from apil_core.studies.report.courses import RATIO
 from apil_core.studies.report.grouping import Groups, Scored
 from apil_core.studies.report.labels import cell_marks
-from apil_core.studies.report.models import Ablation, AblationRow, Cell, Diagnostics, Setting
+from apil_core.studies.report.models import Ablation, AblationRow, Diagnostics
 from apil_core.studies.report.settings import Key, default_config, value_at
 from apil_core.studies.report.statistics import compared, verdict
+from apil_core.studies.report.table_models import Cell, Setting
+from apil_core.studies.report.training_curves import RATIO
 
 _TITLES = {"options.apil.prediction": "What ã is: the imitator's prediction, the true action, noise, nothing"}
 
@@ -52,7 +53,9 @@ def _ablation(
     for value in sorted(by_value, key=lambda value: value != usual):
         key, members = by_value[value]
         games = min(member.score.episodes for member in members)
-        own = cell(game, method, seed_scores(members), None, cell_marks(named[key], len(members), games))
+        own = cell(
+            game, method, seed_scores(members), None, cell_marks(named[key], game, len(members), games)
+        )
         ratios = [errors[member.run.path] for member in members if member.run.path in errors]
         rows.append(_row(value, own, rows[0].cell if rows else None, ratios))
     return Ablation(

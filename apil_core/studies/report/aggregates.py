@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Literal
 
-from apil_core.studies.report.models import Aggregate, Cell, Table
 from apil_core.studies.report.statistics import ENOUGH_SEEDS, interquartile_mean, stratified_interval
+from apil_core.studies.report.table_models import Aggregate, Cell, Table
 from apil_core.studies.report.words import several
 
 Metric = Literal["win", "win_or_tie"]

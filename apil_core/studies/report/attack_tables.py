@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Literal
 
 from apil_core.evaluation.results import EvaluationResult
-from apil_core.studies.report.cells import cell, seed_score, seed_scores
+from apil_core.studies.report.cells import cell, make_table, seed_score, seed_scores
 from apil_core.studies.report.grouping import Groups, blinding
 from apil_core.studies.report.labels import cell_marks
-from apil_core.studies.report.models import Cell, Endings, MethodDifference, Setting, Table
+from apil_core.studies.report.models import Endings
 from apil_core.studies.report.published import published
 from apil_core.studies.report.settings import Key
 from apil_core.studies.report.sources import Sources
 from apil_core.studies.report.statistics import compared, verdict
+from apil_core.studies.report.table_models import Cell, MethodDifference, Setting, Table
 
 BASELINE = "baseline"
 _TITLES = {1: "Adversaries against the victim", 2: "Blinded adversaries against the victim"}
@@ -42,25 +44,9 @@ def attack_tables(
             shown = _columns(groups, key, columns)
             rows = [_row(sources, groups, key, setting, blind, game, shown) for game in games]
             found = [row for row in rows if any(c.scores for c in row if c.column != BASELINE)]
-            tables.append(_table(setting, blind, shown, found))
+            number: Literal[1, 2] = 1 if blind is None else 2
+            tables.append(make_table(number, _TITLES[number], setting.id, shown, found, blind))
     return sorted(tables, key=lambda table: table.number)
-
-
-def _table(setting: Setting, blind: str | None, columns: Sequence[str], rows: list[list[Cell]]) -> Table:
-    number = 1 if blind is None else 2
-    suffix = "" if blind is None else f"-{blind.replace(', ', '-').replace(' ', '-')}"
-    source = published().tables[number]
-    return Table(
-        id=f"t{number}-{setting.id}{suffix}",
-        number=1 if blind is None else 2,
-        name=source.name,
-        title=_TITLES[number],
-        side=source.side,
-        setting=setting.id,
-        columns=list(columns),
-        blind=blind,
-        rows=rows,
-    )
 
 
 def _changed(key: Key) -> bool:
@@ -96,7 +82,9 @@ def _row(
             scores = seed_scores(groups.members(key, game, column, blind))
         trained = 0 if column == BASELINE else len(scores)
         games = min((score.episodes for score in scores), default=published().episodes)
-        cells.append(cell(game, column, scores, value, cell_marks(setting, trained, games) if scores else ()))
+        cells.append(
+            cell(game, column, scores, value, cell_marks(setting, game, trained, games) if scores else ())
+        )
     return cells
 
 

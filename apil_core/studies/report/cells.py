@@ -1,14 +1,15 @@
-"""One cell of a table: scores of several seeds beside the published value."""
+"""Tables and their cells: scores of several seeds beside the published value."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.studies.report.grouping import Scored
-from apil_core.studies.report.models import Cell, Figure, SeedScore, Side
 from apil_core.studies.report.published import published
 from apil_core.studies.report.statistics import compared, published_rate, share, verdict
+from apil_core.studies.report.table_models import Cell, Figure, SeedScore, Side, Table
 
 
 def seed_scores(members: Sequence[Scored]) -> list[SeedScore]:
@@ -70,3 +71,27 @@ def _figure(counts: Sequence[int], games: Sequence[int], value: float | None) ->
         return Figure(measured=measured, verdict="no published value")
     difference = compared(measured, published_rate(value, published().episodes))
     return Figure(measured=measured, published=value, difference=difference, verdict=verdict(difference))
+
+
+def make_table(
+    number: Literal[1, 2, 3, 4],
+    title: str,
+    setting: str,
+    columns: Sequence[str],
+    rows: list[list[Cell]],
+    blind: str | None = None,
+) -> Table:
+    """One of the paper's tables in one setting; see :class:`.table_models.Table`."""
+    source = published().tables[number]
+    suffix = "" if blind is None else f"-{blind.replace(', ', '-').replace(' ', '-')}"
+    return Table(
+        id=f"t{number}-{setting}{suffix}",
+        number=number,
+        name=source.name,
+        title=title,
+        side=source.side,
+        setting=setting,
+        columns=list(columns),
+        blind=blind,
+        rows=rows,
+    )

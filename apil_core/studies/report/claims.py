@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 from apil_core.common.statistics import Difference
 from apil_core.studies.report.attack_tables import BASELINE
-from apil_core.studies.report.hardened import STRONGEST
-from apil_core.studies.report.models import Cell, Check, Claim, Setting, Share, Table, Truth
+from apil_core.studies.report.models import Check, Claim, Truth
 from apil_core.studies.report.paper_claims import (
     MARGIN,
     ORDER,
@@ -24,7 +23,9 @@ from apil_core.studies.report.paper_claims import (
     pairs_above,
 )
 from apil_core.studies.report.published import published
+from apil_core.studies.report.retrained_tables import STRONGEST
 from apil_core.studies.report.statistics import ENOUGH_SEEDS, compared
+from apil_core.studies.report.table_models import Cell, Setting, Share, Table
 from apil_core.studies.report.words import budget_mark, percent, several
 
 _HOLDS: Truth = "holds"
@@ -160,7 +161,7 @@ def _claim(
 ) -> Claim:
     """A claim with its checks; it is about all games of the paper and about the methods it ``needs``."""
     checks = []
-    for row in table.rows:
+    for row in (row for row in table.rows if row[0].game in published().games):
         found = list(findings(row))
         if found:
             missing = [method for method in needs if _cell(row, method) is None]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from apil_core.api.profiles import FAITHFUL
 from apil_core.studies.report.grouping import Groups
-from apil_core.studies.report.models import Setting
 from apil_core.studies.report.published import published
 from apil_core.studies.report.settings import DEFAULT_VICTIM, STUDENT, Key, varying
+from apil_core.studies.report.table_models import Setting
 from apil_core.studies.report.words import amount, budget_mark
 
 PUBLISHED_MODE = "mode"
@@ -25,8 +25,15 @@ def settings(groups: Groups) -> dict[Key, Setting]:
     named: dict[Key, Setting] = {}
     for number, key in enumerate(keys, 1):
         label = ", ".join(text for name, text in texts[key].items() if name in shown and text)
-        named[key] = _setting(f"s{number}", label, key, texts[key])
+        games = {place.game for place in groups.cells if place.key == key}
+        games |= {run.config.env for other, run in groups.unscored if other == key}
+        named[key] = _setting(f"s{number}", label, key, texts[key], paper=in_paper(games))
     return named
+
+
+def in_paper(games: Iterable[str]) -> bool:
+    """Whether the paper played one of them: to other games its budgets say nothing."""
+    return bool(set(games) & set(published().games))
 
 
 def _in_order(groups: Groups) -> list[Key]:
@@ -76,11 +83,10 @@ def _assignments(pairs: Sequence[tuple[str, str]]) -> str:
     return ", ".join(f"{name}={value}" for name, value in pairs)
 
 
-def _setting(name: str, label: str, key: Key, texts: dict[str, str]) -> Setting:
-    full = published().adversary_steps
-    notes = setting_notes(
-        key.steps, key.trained, key.physics, key.victim, key.adversary_actions, key.victim_actions
-    )
+def _setting(name: str, label: str, key: Key, texts: dict[str, str], paper: bool) -> Setting:
+    full = published().adversary_steps if paper else None
+    actions = (key.adversary_actions, key.victim_actions)
+    notes = setting_notes(key.steps, key.trained, key.physics, key.victim, *actions, paper=paper)
     notes += [f"Not the defaults: {texts[name]}." for name in ("axes", "other") if texts[name]]
     notes += [f"The victims were defended in the games: {texts['scored_with']}."] * bool(key.scored_with)
     return Setting(
@@ -88,7 +94,7 @@ def _setting(name: str, label: str, key: Key, texts: dict[str, str]) -> Setting:
         label=label or "as measured",
         steps=key.steps,
         published_steps=full,
-        budget_share=None if key.steps is None else key.steps / full,
+        budget_share=key.steps / full if key.steps is not None and full else None,
         trained_physics=key.trained,
         physics=key.physics,
         victim=key.victim,
@@ -97,12 +103,19 @@ def _setting(name: str, label: str, key: Key, texts: dict[str, str]) -> Setting:
         axes={**dict(key.axes), **dict(key.other), **dict(key.scored_with)},
         changes_method=key.changes_method,
         notes=notes,
-        matches_published=not notes,
+        matches_published=paper and not notes,
     )
 
 
 def setting_notes(
-    steps: int | None, trained: str | None, physics: str | None, victim: str, own: str, victims: str
+    steps: int | None,
+    trained: str | None,
+    physics: str | None,
+    victim: str,
+    own: str,
+    victims: str,
+    *,
+    paper: bool,
 ) -> list[str]:
     """In what games differ from the published ones.
 
@@ -111,9 +124,10 @@ def setting_notes(
         trained, physics: profiles of training and of the scored games.
         victim: as in :class:`apil_core.studies.report.models.Setting`.
         own, victims: action modes of adversary and victim.
+        paper: whether the paper played one of the games.
     """
     notes = []
-    if mark := budget_mark(steps, published().adversary_steps):
+    if paper and (mark := budget_mark(steps, published().adversary_steps)):
         notes.append(f"Adversaries trained for {mark} of the published budget.")
     if physics not in (None, FAITHFUL):
         notes.append(f"Played in {physics} physics, not in the game as it was made.")
@@ -123,7 +137,7 @@ def setting_notes(
         notes.append("The victims are students that ship with apil, not the agents of the papers.")
     elif victim != DEFAULT_VICTIM:
         notes.append(f"The victim is {victim}, not the agent of the papers.")
-    if {own, victims} != {PUBLISHED_MODE}:
+    if paper and {own, victims} != {PUBLISHED_MODE}:
         notes.append(
             f"Actions are {_modes(own, victims)} (adversary/victim); the published evaluation code takes the "
             "mode of both, and that alone can be worth ten points."
@@ -131,9 +145,9 @@ def setting_notes(
     return notes
 
 
-def cell_marks(setting: Setting, seeds: int, episodes: int) -> list[str]:
+def cell_marks(setting: Setting, game: str, seeds: int, episodes: int) -> list[str]:
     """Short loud words on a cell; ``seeds`` 0 for an agent that was not trained here."""
-    marks = [setting.budget] if seeds and setting.budget else []
+    marks = [setting.budget] if seeds and setting.budget and in_paper([game]) else []
     if 0 < seeds < 3:
         marks.append(f"{seeds} seed" if seeds == 1 else f"{seeds} seeds")
     if episodes < published().episodes:

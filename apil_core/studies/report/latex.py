@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from apil_core.studies.report.models import Evidence, Figure, Table
+from apil_core.studies.report.models import ReportData
+from apil_core.studies.report.table_models import Figure, Table
 from apil_core.studies.report.words import percent
 
 _SPECIAL = {
@@ -21,9 +22,9 @@ def escaped(text: str) -> str:
     return "".join(_SPECIAL.get(letter, letter) for letter in text)
 
 
-def latex_table(evidence: Evidence, table: Table) -> str:
+def latex_table(data: ReportData, table: Table) -> str:
     """A ``table`` environment; the caption tells the setting and how far it is from the published one."""
-    setting = evidence.setting(table.setting)
+    setting = data.setting(table.setting)
     blind = f", blinded: {table.blind}" if table.blind else ""
     caption = f"{table.title} ({setting.label}{blind}). {' '.join(setting.notes)}"
     lines = [

@@ -1,4 +1,4 @@
-"""Everything a report shows, as data. Shares of games are fractions, published ones too."""
+"""Everything a report shows beside its tables, as data. Shares of games are fractions, published ones too."""
 
 from __future__ import annotations
 
@@ -7,65 +7,12 @@ from typing import Any, Literal
 from pydantic import BaseModel
 
 from apil_core.common.documents import EXACT
-from apil_core.studies.report.panel_models import (
-    Ablation,
-    AblationRow,
-    ActivationCloud,
-    Activations,
-    CrossPlayMatrix,
-    CurveLine,
-    CurvePanel,
-    Diagnostics,
-    Endings,
-    RetrainingCurve,
-    RetrainingLine,
-    Snapshot,
-)
-from apil_core.studies.report.table_models import (
-    Aggregate,
-    Cell,
-    Figure,
-    MethodDifference,
-    SeedScore,
-    Setting,
-    Share,
-    Side,
-    Table,
-    Verdict,
-)
-
-__all__ = [
-    "Ablation",
-    "AblationRow",
-    "ActivationCloud",
-    "Activations",
-    "Aggregate",
-    "Cell",
-    "Check",
-    "Claim",
-    "CrossPlayMatrix",
-    "CurveLine",
-    "CurvePanel",
-    "Diagnostics",
-    "Endings",
-    "Evidence",
-    "Figure",
-    "MethodDifference",
-    "Provenance",
-    "RetrainingCurve",
-    "RetrainingLine",
-    "RunFacts",
-    "SeedScore",
-    "Setting",
-    "Share",
-    "Side",
-    "Snapshot",
-    "Table",
-    "Truth",
-    "Unfinished",
-    "Verdict",
-    "Warning",
-]
+from apil_core.common.statistics import Difference
+from apil_core.evaluation.crossplay.document import CrossPlay
+from apil_core.studies.activations.models import ActivationMap
+from apil_core.studies.curves.curves import Line
+from apil_core.studies.curves.groups import CurveGroup
+from apil_core.studies.report.table_models import Aggregate, Cell, MethodDifference, Setting, Table, Verdict
 
 Truth = Literal["holds", "does not hold", "cannot be told"]
 """What these games say about a claim."""
@@ -75,8 +22,9 @@ class Warning(BaseModel):
     """Something a reader must know before believing a number.
 
     Attributes:
-        kind: ``ties``, ``tie meaning``, ``seeds``, ``episodes``, ``budget``, ``physics``, ``victim``,
-            ``action modes``, ``imitator``, ``no attack``, ``unfinished``, ``delta r``, ``copies``, ``stale``.
+        kind: ``ties``, ``seeds``, ``episodes``, ``budget``, ``physics``, ``victim``, ``action modes``,
+            ``settings``, ``imitator``, ``no attack``, ``unfinished``, ``delta r``, ``copies``, ``stale``,
+            ``baseline``.
         loud: concerns every number of a setting; else single cells.
         text: one whole sentence with the numbers.
         setting, game, column: what it is about; ``None``: all of them.
@@ -119,6 +67,101 @@ class Claim(BaseModel):
     checks: list[Check] = []
 
 
+class CurvePanel(BaseModel):
+    """Learning curves of one game and training setting; ``baseline_*`` is the baseline adversary's level."""
+
+    game: str
+    setting: str
+    groups: list[CurveGroup]
+    baseline_win: float | None = None
+    baseline_win_or_tie: float | None = None
+
+
+class RetrainingCurve(BaseModel):
+    """One retraining: a victim's games against each opponent, a method's adversary and the baseline one."""
+
+    game: str
+    method: str
+    label: str
+    steps: int
+    planned_steps: int
+    status: str
+    groups: list[CurveGroup]
+
+
+class AblationRow(BaseModel):
+    """One value of an axis; ``*_difference`` is against the first row."""
+
+    value: str
+    cell: Cell
+    win_difference: Difference | None = None
+    win_or_tie_difference: Difference | None = None
+    win_verdict: Verdict | None = None
+    win_or_tie_verdict: Verdict | None = None
+    imitator_error: float | None = None
+    """Imitator's squared error over the best constant's, in the end, mean over seeds; below 1 it learnt."""
+
+
+class Ablation(BaseModel):
+    """Cells that differ in one axis only, e.g. ``options.apil.prediction``; the first row is the default."""
+
+    axis: str
+    title: str
+    game: str
+    method: str
+    setting: str
+    rows: list[AblationRow]
+
+
+class Endings(BaseModel):
+    """How the games of one cell ended, all seeds together.
+
+    Attributes:
+        table: its id.
+        causes: counts by name, most frequent first.
+    """
+
+    table: str
+    setting: str
+    game: str
+    column: str
+    episodes: int
+    wins: int
+    ties: int
+    losses: int
+    causes: dict[str, int]
+    mean_length: float
+
+
+class Snapshot(BaseModel):
+    """A strip of pictures of one game: a ``data:`` URI, so that the page needs no file."""
+
+    game: str
+    method: str
+    path: str
+    data_uri: str
+    caption: str = ""
+
+
+class Diagnostics(BaseModel):
+    """Numbers that show how a training went, beside its score.
+
+    Attributes:
+        facts: final values by name, e.g. ``imitator mse / constant mse``.
+        lines: over steps by name, e.g. ``kl`` between successive adversaries, ``bound``.
+        notes: what they mean, one sentence each.
+    """
+
+    game: str
+    method: str
+    seed: int
+    setting: str
+    run: str
+    facts: dict[str, float] = {}
+    lines: dict[str, Line] = {}
+    notes: list[str] = []
+
+
 class Unfinished(BaseModel):
     """A cell without its score: why."""
 
@@ -126,8 +169,8 @@ class Unfinished(BaseModel):
     method: str
     label: str
     status: str
-    steps: int
-    planned_steps: int | None
+    steps: int = 0
+    planned_steps: int | None = None
     reason: str
     path: str
 
@@ -159,8 +202,7 @@ class Provenance(BaseModel):
     Attributes:
         matrices: resolved matrix of each directory, by its path.
         versions, git, hosts: all that occur among the runs.
-        hours: of training, summed over runs.
-        steps: of training, summed over runs.
+        hours, steps: of training, summed over runs.
     """
 
     model_config = EXACT
@@ -177,7 +219,7 @@ class Provenance(BaseModel):
     apil: str
 
 
-class Evidence(BaseModel):
+class ReportData(BaseModel):
     """Everything the report shows.
 
     Attributes:
@@ -185,7 +227,7 @@ class Evidence(BaseModel):
         settings: main one first (the shipped story); all others refer to them by ``id``.
     """
 
-    version: Literal[1] = 1
+    version: Literal[2] = 2
     title: str
     games: list[str]
     columns: list[str]
@@ -197,8 +239,8 @@ class Evidence(BaseModel):
     retraining: list[RetrainingCurve]
     ablations: list[Ablation]
     endings: list[Endings]
-    crossplay: list[CrossPlayMatrix]
-    activations: list[Activations]
+    crossplay: list[CrossPlay]
+    activations: list[ActivationMap]
     snapshots: list[Snapshot]
     diagnostics: list[Diagnostics]
     claims: list[Claim]

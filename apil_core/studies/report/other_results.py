@@ -1,64 +1,39 @@
-"""What else benchmarks hold: retraining curves, activations, pictures."""
+"""What else benchmarks hold: retraining curves, cross-plays, activations, pictures."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
 from pathlib import Path
 
 from apil_core.common.errors import ApilError
 from apil_core.runs.retraining.folder import RetrainDir
 from apil_core.studies.activations.models import ActivationMap
-from apil_core.studies.curves.curves import WIN, WIN_OR_TIE, shares
-from apil_core.studies.report.courses import thinned
-from apil_core.studies.report.models import (
-    ActivationCloud,
-    Activations,
-    RetrainingCurve,
-    RetrainingLine,
-    Snapshot,
-)
+from apil_core.studies.bench.folder import read_activations
+from apil_core.studies.curves.retraining import read_opponents
+from apil_core.studies.report.models import RetrainingCurve, Snapshot
 from apil_core.studies.report.sources import Sources
-from apil_core.studies.report.words import percent, several
-from apil_core.training.storage.recorders import read_metrics
+from apil_core.studies.report.training_curves import thinned_group
 
 
 def retraining_curves(sources: Sources) -> list[RetrainingCurve]:
     """Of every retraining that was started; one that cannot be read has its error as status."""
-    folders = [path for bench, _ in sources.benches.values() for path in bench.retrained()]
-    found = []
-    for path in folders:
-        try:
-            found.append(_retraining(path))
-        except ApilError as error:
-            found.append(_damaged(path, str(error)))
-    return found
+    return [_retraining(path) for bench, _ in sources.benches.values() for path in bench.retrained()]
 
 
 def _retraining(path: Path) -> RetrainingCurve:
-    folder = RetrainDir(path)
-    config, rows = folder.config(), read_metrics(folder.files.metrics_path)
-    return RetrainingCurve(
-        game=config.env,
-        method=path.parent.name,
-        label=path.name,
-        steps=int(rows[-1]["steps"]) if rows else 0,
-        planned_steps=config.steps,
-        status=str((folder.result() or {}).get("status", "running or killed")),
-        lines=[_opponent(rows, label) for label in config.labels],
-    )
-
-
-def _damaged(path: Path, error: str) -> RetrainingCurve:
     game, method, label = path.parts[-3:]
-    return RetrainingCurve(
-        game=game, method=method, label=label, steps=0, planned_steps=0, status=f"damaged: {error}", lines=[]
+    found = RetrainingCurve(
+        game=game, method=method, label=label, steps=0, planned_steps=0, status="", groups=[]
     )
-
-
-def _opponent(rows: Sequence[dict[str, float]], label: str) -> RetrainingLine:
-    lines = shares(rows, f"opponent/{label}/")
-    return RetrainingLine(opponent=label, win=thinned(lines[WIN]), win_or_tie=thinned(lines[WIN_OR_TIE]))
+    folder = RetrainDir(path)
+    try:
+        found.planned_steps = folder.config().steps
+        found.status = str((folder.result() or {}).get("status", "running or killed"))
+        found.groups = [thinned_group(group) for group in read_opponents(folder)]
+        found.steps = found.groups[0].curves[0].steps
+    except ApilError as error:  # damaged, or too young for a curve
+        found.status = str(error)
+    return found
 
 
 def snapshots(sources: Sources) -> list[Snapshot]:
@@ -80,39 +55,13 @@ def snapshots(sources: Sources) -> list[Snapshot]:
     return found
 
 
-def activations(sources: Sources) -> list[Activations]:
+def activations(sources: Sources) -> list[ActivationMap]:
     """Every activation map of the benchmarks' games.
 
     Raises:
         ConfigError: a document is damaged.
     """
-    paths = [
-        bench.activations_path(game) for bench, matrix in sources.benches.values() for game in matrix.games
-    ]
-    return [_activations(ActivationMap.read(path)) for path in paths if path.is_file()]
-
-
-def _activations(found: ActivationMap) -> Activations:
-    lost = [1.0 - each.explained for each in found.log_likelihood]
-    physics = f", {found.physics} physics" if found.physics else ""
-    notes = [
-        f"{several(found.games_per_opponent, 'game')} against each opponent{physics}; t-SNE with perplexity "
-        f"{found.perplexity:g}.",
-        f"Density of normal play: a mixture of {several(found.components, 'Gaussian')} in {found.dimensions} "
-        f"directions with {percent(found.explained)} % of its variance; up to {percent(max(lost))} % of an "
-        "opponent's deviation lies outside them and does not count.",
-        f"The samples it was fitted on have {found.fitted:.1f} nats; held-out normal play much below that "
-        "would mean too few games.",
-    ]
-    clouds = [
-        ActivationCloud(
-            opponent=label,
-            points=points,
-            log_likelihood=likelihood.mean,
-            low=likelihood.low,
-            high=likelihood.high,
-            games=likelihood.n,
-        )
-        for label, points, likelihood in zip(found.opponents, found.points, found.log_likelihood, strict=True)
-    ]
-    return Activations(game=found.env, victim=found.victim, layer=found.layer, clouds=clouds, notes=notes)
+    found = (
+        read_activations(bench, game) for bench, matrix in sources.benches.values() for game in matrix.games
+    )
+    return [each for each in found if each is not None]

@@ -1,68 +1,62 @@
-"""What stands above all numbers of the page: a plain summary, what was run, and what to be loud about."""
+"""The page's words about its numbers: who won most often, how claims fared, what was run."""
 
 from __future__ import annotations
 
 from collections import Counter
 
 from apil_core.studies.report.figures.palette import BASELINE
-from apil_core.studies.report.models import Cell, Evidence, Setting, Table
+from apil_core.studies.report.models import ReportData
 from apil_core.studies.report.statistics import compared
+from apil_core.studies.report.table_models import Cell, Setting, Table
 from apil_core.studies.report.words import amount, percent, several
 
 
-def bests(evidence: Evidence) -> list[str]:
+def bests(data: ReportData) -> list[str]:
     """Table 1 in a sentence for each game: who won most often."""
-    table = first_table(evidence, 1)
+    table = first_table(data, 1)
     return [text for row in table.rows if (text := _best(row))] if table is not None else []
 
 
-def verdicts(evidence: Evidence) -> str:
+def verdicts(data: ReportData) -> str:
     """How the paper's claims fared, or nothing."""
-    found = Counter(claim.verdict for claim in evidence.claims)
+    found = Counter(claim.verdict for claim in data.claims)
     if not found:
         return ""
     return (
-        f"Of {several(len(evidence.claims), 'claim')} of the paper, {found['holds']} held on these games, "
+        f"Of {several(len(data.claims), 'claim')} of the paper, {found['holds']} held on these games, "
         f"{found['does not hold']} did not, and {found['cannot be told']} cannot be told."
     )
 
 
-def facts(evidence: Evidence) -> list[tuple[str, str]]:
+def facts(data: ReportData) -> list[tuple[str, str]]:
     """Name and value of what was run."""
-    runs = evidence.provenance.runs
-    cells = [cell for table in evidence.tables for row in table.rows for cell in row]
+    runs = data.provenance.runs
+    cells = [cell for table in data.tables for row in table.rows for cell in row]
     episodes = sorted({score.episodes for cell in cells for score in cell.scores})
     rows = [
-        ("games", ", ".join(evidence.games)),
-        ("columns", ", ".join(evidence.columns)),
+        ("games", ", ".join(data.games)),
+        ("columns", ", ".join(data.columns)),
         ("seeds", _some([str(seed) for seed in sorted({run.seed for run in runs})])),
-        ("budget", _some(_budgets(evidence))),
+        ("budget", _some(_budgets(data))),
         ("physics", _some(sorted({run.physics for run in runs if run.physics}))),
         ("victims", _some(list(dict.fromkeys(f"{run.game}: {run.victim}" for run in runs)), "; ")),
         ("games per score", _some([f"{number:,}".replace(",", " ") for number in episodes])),
-        ("runs", _states(evidence)),
+        ("runs", _states(data)),
     ]
     return [(name, value) for name, value in rows if value]
 
 
-def loud(evidence: Evidence) -> list[str]:
-    """Why these numbers are weaker than the paper's: loud warnings, else the settings' notes, each once."""
-    warnings = [warning.text for warning in evidence.warnings if warning.loud]
-    notes = [note for setting in evidence.settings for note in setting.notes]
-    return list(dict.fromkeys(warnings or notes))
-
-
-def common_notes(evidence: Evidence) -> list[str]:
+def common_notes(data: ReportData) -> list[str]:
     """What is to be said of the diagnostics of every run, once."""
-    notes = [set(diagnostic.notes) for diagnostic in evidence.diagnostics]
+    notes = [set(diagnostic.notes) for diagnostic in data.diagnostics]
     shared = set.intersection(*notes) if notes else set()
-    return [note for note in (evidence.diagnostics[0].notes if notes else []) if note in shared]
+    return [note for note in (data.diagnostics[0].notes if notes else []) if note in shared]
 
 
-def first_table(evidence: Evidence, number: int) -> Table | None:
+def first_table(data: ReportData, number: int) -> Table | None:
     """That table in the first setting that has it."""
-    order = [setting.id for setting in evidence.settings]
-    tables = [table for table in evidence.tables if table.number == number]
+    order = [setting.id for setting in data.settings]
+    tables = [table for table in data.tables if table.number == number]
     return min(tables, key=lambda table: order.index(table.setting), default=None)
 
 
@@ -90,14 +84,14 @@ def _best(row: list[Cell]) -> str:
     return f"{text}. Baseline adversary: {percent(base.value)} %{noise}."
 
 
-def _budgets(evidence: Evidence) -> list[str]:
-    return list(dict.fromkeys(text for setting in evidence.settings if (text := budget(setting))))
+def _budgets(data: ReportData) -> list[str]:
+    return list(dict.fromkeys(text for setting in data.settings if (text := budget(setting))))
 
 
-def _states(evidence: Evidence) -> str:
-    states = Counter(run.status for run in evidence.provenance.runs)
+def _states(data: ReportData) -> str:
+    states = Counter(run.status for run in data.provenance.runs)
     told = [f"{count} {state}" for state, count in states.most_common()]
-    missing = len(evidence.unfinished)
+    missing = len(data.unfinished)
     return ", ".join(told) + (f"; {several(missing, 'cell')} not finished" if missing else "")
 
 

@@ -82,27 +82,13 @@ def _session(path: Path) -> dict[str, Any]:
 
 def unfinished(sources: Sources, unscored: Sequence[tuple[Key, Run]]) -> list[Unfinished]:
     """Cells that were not started, failed, are still at work, or have no score."""
-    found = [
-        Unfinished(
-            game=cell.game,
-            method=cell.method,
-            label=cell.label,
-            status=cell.status,
-            steps=0,
-            planned_steps=cell.steps,
-            reason=cell.reason,
-            path=cell.path,
-        )
-        for cell in sources.missing
-    ]
+    found = list(sources.missing)
     found += [
         Unfinished(
             game=subject.split("/")[0].split(" ")[0],
             method=kind,
             label=subject,
             status="failed",
-            steps=0,
-            planned_steps=None,
             reason=reason,
             path=str(bench.path / kind / subject),
         )

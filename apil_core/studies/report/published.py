@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from apil_core.common.errors import ConfigError
-from apil_core.studies.report.models import Side
+from apil_core.studies.report.table_models import Side
 
 FILE = "published_results.json"
 

@@ -17,6 +17,7 @@ from apil_core.studies.bench.folder import BenchDir, CellDir, read_score
 from apil_core.studies.bench.jobs import Job, make_jobs
 from apil_core.studies.bench.matrix import PLAIN, Matrix
 from apil_core.studies.curves.curves import final_score
+from apil_core.studies.report.models import Unfinished
 from apil_core.training.storage.run_dir import RunDir
 
 
@@ -98,24 +99,11 @@ class StoredBench(BenchDir):
 
 
 @dataclass(frozen=True)
-class Missing:
-    """A cell of a benchmark that no run was started for, or whose run cannot be read."""
-
-    game: str
-    method: str
-    label: str
-    steps: int
-    status: str
-    reason: str
-    path: str
-
-
-@dataclass(frozen=True)
 class Sources:
     """All that was found, in the order given."""
 
     runs: list[Run] = field(default_factory=list)
-    missing: list[Missing] = field(default_factory=list)
+    missing: list[Unfinished] = field(default_factory=list)
     baselines: list[EvaluationResult] = field(default_factory=list)
     benches: dict[str, tuple[StoredBench, Matrix]] = field(default_factory=dict)
 
@@ -169,8 +157,17 @@ def _read_bench(bench: StoredBench, found: Sources) -> None:
         found.baselines.extend(score for score in scores if score is not None)
 
 
-def _missing(cell: CellDir, status: str, reason: str) -> Missing:
-    return Missing(cell.env, cell.method, cell.name, cell.steps, status, reason, str(cell.run.path))
+def _missing(cell: CellDir, status: str, reason: str) -> Unfinished:
+    """A cell that no run was started for, or whose run cannot be read."""
+    return Unfinished(
+        game=cell.env,
+        method=cell.method,
+        label=cell.name,
+        status=status,
+        planned_steps=cell.steps,
+        reason=reason,
+        path=str(cell.run.path),
+    )
 
 
 def _read_run(directory: RunDir, name: str, axes: tuple[str, ...] = (), failure: str = "") -> Run:

@@ -8,7 +8,7 @@ import numpy as np
 
 from apil_core.common.statistics import Difference, mean_interval, newcombe
 from apil_core.evaluation.results import Rate, wilson
-from apil_core.studies.report.models import Share, Verdict
+from apil_core.studies.report.table_models import Share, Verdict
 
 ENOUGH_SEEDS = 3
 """Below so many the spread over seeds cannot be told."""

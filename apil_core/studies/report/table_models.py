@@ -25,7 +25,8 @@ class Setting(BaseModel):
         label: in words, e.g. ``"1 M steps, fast physics"``; tells it from the report's other settings.
         steps: adversaries' training budget asked for; ``None`` where there is none or several.
         retrain_steps: budget of the victims' retraining, in tables 3 and 4.
-        published_steps: the published budget that this one is measured by.
+        published_steps: the published budget that this one is measured by; ``None`` where the paper played
+            none of its games.
         budget_share: of the published budget, as a fraction (of the retraining's where there is one).
         trained_physics, physics: profiles of training and of the scored games; ``None`` without profiles.
         victim: ``"default"`` (each game's own, the papers' where it is one of theirs),
@@ -43,7 +44,7 @@ class Setting(BaseModel):
     label: str
     steps: int | None = None
     retrain_steps: int | None = None
-    published_steps: int
+    published_steps: int | None = None
     budget_share: float | None = None
     trained_physics: str | None = None
     physics: str | None = None

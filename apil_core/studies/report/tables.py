@@ -1,4 +1,4 @@
-"""The evidence as tables beside the page: CSV with every number, Markdown and LaTeX to read and to print."""
+"""The report as tables beside the page: CSV with every number, LaTeX to print."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ from typing import Any
 
 from apil_core.common.errors import RunDirError
 from apil_core.common.files import write_atomically
+from apil_core.common.visible import visible
+from apil_core.evaluation.crossplay.document import CrossPlay
+from apil_core.studies.report.figures.crossplay import setting_of
 from apil_core.studies.report.latex import latex_table
-from apil_core.studies.report.markdown import markdown_report, markdown_table
-from apil_core.studies.report.models import Cell, Evidence, Figure, Table
+from apil_core.studies.report.models import ReportData
+from apil_core.studies.report.table_models import Cell, Figure, Table
 
 Row = Mapping[str, Any]
 
-_ENDINGS = {"CSV": "csv", "Markdown": "md", "LaTeX": "tex"}
 
-
-def write_tables(evidence: Evidence, directory: Path) -> list[Path]:
-    """Write all tables: ``t1-s1.csv``, ``.md``, ``.tex``, …; ``differences.csv`` and others; ``report.md``.
+def write_tables(data: ReportData, directory: Path) -> list[Path]:
+    """Write all tables: ``t1-s1.csv``, ``.tex``, …; ``differences.csv`` and others.
 
     Args:
-        evidence: what :func:`apil_core.studies.report.evidence.gather` gave.
+        data: what :func:`apil_core.studies.report.report_data.gather` gave.
         directory: made if it is not there.
 
     Returns:
@@ -37,26 +38,16 @@ def write_tables(evidence: Evidence, directory: Path) -> list[Path]:
     except OSError as error:
         raise RunDirError(f"cannot make {directory}: {error.strerror}") from error
     texts: dict[str, str] = {}
-    for table in evidence.tables:
-        made = copies(table, evidence)
-        texts |= {f"{table.id}.{ending}": made[name] for name, ending in _ENDINGS.items()}
-    lists = {name: list(rows) for name, rows in _lists(evidence).items()}
+    for table in data.tables:
+        texts[f"{table.id}.csv"] = csv_text(table_rows(data, table))
+        texts[f"{table.id}.tex"] = latex_table(data, table)
+    lists = {name: list(rows) for name, rows in _lists(data).items()}
     texts |= {f"{name}.csv": csv_text(rows) for name, rows in lists.items() if rows}
-    texts["report.md"] = markdown_report(evidence)
     return [_write(directory / name, text) for name, text in texts.items()]
 
 
-def copies(table: Table, evidence: Evidence) -> dict[str, str]:
-    """One table in each format, by the format's name."""
-    return {
-        "Markdown": markdown_table(evidence, table),
-        "LaTeX": latex_table(evidence, table),
-        "CSV": csv_text(table_rows(evidence, table)),
-    }
-
-
 def _write(path: Path, text: str) -> Path:
-    write_atomically(path, lambda file: file.write(text.encode()))
+    write_atomically(path, lambda file: file.write(visible(text).encode()))
     return path
 
 
@@ -76,9 +67,9 @@ def _no_formula(value: Any) -> Any:
     return f"'{value}" if isinstance(value, str) and value[:1] in tuple("=+-@\t\r") else value
 
 
-def table_rows(evidence: Evidence, table: Table) -> Iterable[Row]:
+def table_rows(data: ReportData, table: Table) -> Iterable[Row]:
     """One row per cell and share, with everything the share depends on; shares are fractions."""
-    setting = evidence.setting(table.setting)
+    setting = data.setting(table.setting)
     shared = {
         "table": table.number,
         "side": table.side,
@@ -130,8 +121,8 @@ def _joined(values: Iterable[Any]) -> str:
     return " ".join(str(value) for value in values)
 
 
-def _lists(evidence: Evidence) -> dict[str, Iterable[Row]]:
-    labels = {setting.id: setting.label for setting in evidence.settings}
+def _lists(data: ReportData) -> dict[str, Iterable[Row]]:
+    labels = {setting.id: setting.label for setting in data.settings}
 
     def flat(entries: Sequence[Any], **drop: bool) -> Iterable[Row]:
         for entry in entries:
@@ -141,19 +132,19 @@ def _lists(evidence: Evidence) -> dict[str, Iterable[Row]]:
             yield _flattened(row)
 
     return {
-        "differences": flat(evidence.differences),
-        "aggregates": flat(evidence.aggregates),
-        "endings": flat(evidence.endings),
-        "ablations": (row for ablation in evidence.ablations for row in _ablation_rows(ablation, labels)),
-        "crossplay": (row for matrix in evidence.crossplay for row in _crossplay_rows(matrix)),
+        "differences": flat(data.differences),
+        "aggregates": flat(data.aggregates),
+        "endings": flat(data.endings),
+        "ablations": (row for ablation in data.ablations for row in _ablation_rows(ablation, labels)),
+        "crossplay": (row for matrix in data.crossplay for row in _crossplay_rows(matrix)),
         "claims": (
             {"claim": claim.claim, "setting": labels[claim.setting], **check.model_dump()}
-            for claim in evidence.claims
+            for claim in data.claims
             for check in claim.checks
         ),
-        "warnings": flat(evidence.warnings),
-        "unfinished": flat(evidence.unfinished),
-        "runs": flat(evidence.provenance.runs),
+        "warnings": flat(data.warnings),
+        "unfinished": flat(data.unfinished),
+        "runs": flat(data.provenance.runs),
     }
 
 
@@ -185,16 +176,15 @@ def _ablation_rows(ablation: Any, labels: Mapping[str, str]) -> Iterable[Row]:
         }
 
 
-def _crossplay_rows(matrix: Any) -> Iterable[Row]:
-    for i, adversary in enumerate(matrix.adversaries):
-        for j, victim in enumerate(matrix.victims):
-            win, either = matrix.win[i][j], matrix.win_or_tie[i][j]
-            if win is not None and either is not None:
+def _crossplay_rows(document: CrossPlay) -> Iterable[Row]:
+    for adversary, row in zip(document.adversaries, document.scores, strict=True):
+        for victim, score in zip(document.victims, row, strict=True):
+            if score is not None:
+                rates = {"win": score.win_rate, "win_or_tie": score.win_or_tie_rate}
                 yield {
-                    "game": matrix.game,
-                    "adversary": adversary,
-                    "victim": victim,
-                    "setting": matrix.setting,
-                    **{f"win_{name}": getattr(win, name) for name in ("value", "low", "high")},
-                    **{f"win_or_tie_{name}": getattr(either, name) for name in ("value", "low", "high")},
+                    "game": document.env,
+                    "adversary": adversary.label,
+                    "victim": victim.label,
+                    "setting": setting_of(document),
+                    **{f"{name}_{end}": value for name, rate in rates.items() for end, value in rate},
                 }

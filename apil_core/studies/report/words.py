@@ -17,9 +17,9 @@ def percent(share: float) -> str:
     return f"{100 * share:.1f}"
 
 
-def budget_mark(steps: int | None, published: int) -> str:
+def budget_mark(steps: int | None, published: int | None) -> str:
     """``"1 M of 35 M = 2.9 %"``; empty where nothing is missing or nothing is known."""
-    if steps is None or steps >= published:
+    if steps is None or published is None or steps >= published:
         return ""
     share = 100 * steps / published
     words = f"{share:.2g}" if share < 99 else f"{min(share, 99.9):.1f}"  # never a whole one

@@ -1,1 +1,1 @@
-"""Figures of a report, one family per file. plotly is imported where a figure is made, not before."""
+"""Figures of the page, one family per file. matplotlib is imported where a figure is drawn, not before."""

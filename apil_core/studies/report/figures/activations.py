@@ -2,82 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
-from apil_core.studies.report.figures.palette import Pen, pen_of
-from apil_core.studies.report.figures.plot import Plot, axis_title, error_bar, listing, rounded, spec, text
-from apil_core.studies.report.models import Activations
+from apil_core.common.charts import Pen
+from apil_core.studies.activations.models import ActivationMap
+from apil_core.studies.report.figures.palette import pen_of
+from apil_core.studies.report.figures.plot import Plot, listing
+from apil_core.studies.report.words import percent, several
 
-
-def activation_plots(activations: Sequence[Activations], found: dict[str, Pen]) -> list[Plot]:
-    """For each game a map, and the log-likelihoods if there are any."""
-    plots = []
-    for activation in activations:
-        plots.append(_map(activation, found))
-        if any(cloud.log_likelihood is not None for cloud in activation.clouds):
-            plots.append(_likelihood(activation, found))
-    return plots
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
-def _map(activation: Activations, found: dict[str, Pen]) -> Plot:
-    traces = []
-    for cloud in activation.clouds:
-        pen = pen_of(found, cloud.opponent)
-        traces.append(
-            {
-                "type": "scatter",
-                "x": rounded([x for x, _ in cloud.points]),
-                "y": rounded([y for _, y in cloud.points]),
-                "name": text(cloud.opponent),
-                "mode": "markers",
-                "marker": {"color": pen.colour, "symbol": pen.symbol, "size": 5, "opacity": 0.7},
-                "hovertemplate": "against %{fullData.name}<extra></extra>",
-                "meta": {"method": pen.name},
-            }
-        )
-    margin = dict.fromkeys("lrtb", 8)
-    figure = spec(traces, 360, x={"visible": False}, y={"visible": False}, hovermode="closest", margin=margin)
-    counts = [(cloud.opponent, f"{len(cloud.points)} points") for cloud in activation.clouds]
-    return Plot(
-        figure,
-        title=f"{activation.game}: t-SNE of {activation.layer}",
-        alt=f"t-SNE map of the victim's activations in {activation.game}: {listing(counts)}.",
-        caption=f"Victim {activation.victim}. " + " ".join(activation.notes),
-        facets={"game": activation.game},
-    )
+def activation_plots(maps: Sequence[ActivationMap], found: Mapping[str, Pen]) -> list[Plot]:
+    """For each game a map, and the log-likelihoods."""
+    return [plot for each in maps for plot in _plots(each, [pen_of(found, name) for name in each.opponents])]
 
 
-def _likelihood(activation: Activations, found: dict[str, Pen]) -> Plot:
-    traces, values = [], []
-    for cloud in activation.clouds:
-        if cloud.log_likelihood is None:
-            continue
-        pen, value = pen_of(found, cloud.opponent), cloud.log_likelihood
-        low, high = (value if end is None else end for end in (cloud.low, cloud.high))
-        values.append((cloud.opponent, f"{value:.1f}"))
-        traces.append(
-            {
-                "type": "scatter",
-                "x": rounded([value]),
-                "y": [text(cloud.opponent)],
-                "error_x": error_bar([(value, low, high)], pen.colour),
-                "mode": "markers",
-                "marker": {"color": pen.colour, "symbol": pen.symbol, "size": 11},
-                "hovertemplate": "against %{y}: %{x:.1f} nats<extra></extra>",
-                "meta": {"method": pen.name},
-            }
-        )
-    figure = spec(
-        traces,
-        max(74 + 34 * len(traces), 170),
-        x={"title": axis_title("log-likelihood, nats (lower: less usual)")},
-        y={"type": "category", "autorange": "reversed"},
-        margin={"l": 70, "r": 14, "t": 8, "b": 44},
-    )
-    return Plot(
-        figure,
-        title=f"{activation.game}: how usual the activations are",
-        alt=f"Mean log-likelihood of the victim's activations in {activation.game}: {listing(values)}.",
-        caption="Mean under a Gaussian mixture fitted on games against the baseline; 95 % interval.",
-        facets={"game": activation.game},
+def _plots(found: ActivationMap, drawn: Sequence[Pen]) -> list[Plot]:
+    def cloud(axis: Axes) -> None:
+        from apil_core.studies.activations.picture import draw_map
+
+        draw_map(axis, found, drawn)
+
+    def likelihood(axis: Axes) -> None:
+        from apil_core.studies.activations.picture import draw_likelihood
+
+        draw_likelihood(axis, found, drawn)
+
+    counts = [
+        (name, f"{len(points)} points") for name, points in zip(found.opponents, found.points, strict=True)
+    ]
+    means = [
+        (name, f"{each.mean:.1f}") for name, each in zip(found.opponents, found.log_likelihood, strict=True)
+    ]
+    return [
+        Plot(
+            cloud,
+            title=f"{found.env}: t-SNE of {found.layer}",
+            alt=f"t-SNE map of the victim's activations in {found.env}: {listing(counts)}.",
+            caption=f"Victim {found.victim}. {_notes(found)}",
+            facets={"game": found.env},
+            height=3.4,
+        ),
+        Plot(
+            likelihood,
+            title=f"{found.env}: log-likelihood of the activations, nats",
+            alt=f"Mean log-likelihood of the victim's activations in {found.env}: {listing(means)}.",
+            caption="Mean under a Gaussian mixture fitted on games against the baseline; 95 % interval.",
+            facets={"game": found.env},
+            height=0.7 + 0.4 * len(found.opponents),
+        ),
+    ]
+
+
+def _notes(found: ActivationMap) -> str:
+    lost = max(1.0 - each.explained for each in found.log_likelihood)
+    physics = f", {found.physics} physics" if found.physics else ""
+    return (
+        f"{several(found.games_per_opponent, 'game')} against each opponent{physics}; t-SNE with perplexity "
+        f"{found.perplexity:g}. Density of normal play: a mixture of {several(found.components, 'Gaussian')} "
+        f"in {found.dimensions} directions with {percent(found.explained)} % of its variance; up to "
+        f"{percent(lost)} % of an opponent's deviation lies outside them and does not count. The samples it "
+        f"was fitted on have {found.fitted:.1f} nats; held-out normal play much below that would mean too "
+        "few games."
     )

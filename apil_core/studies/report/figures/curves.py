@@ -1,36 +1,21 @@
-"""Learning curves of adversaries, and of victims that are retrained."""
+"""Curves over steps: of adversaries, of victims that are retrained, and what trainings logged."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
+from apil_core.common.charts import Pen
 from apil_core.studies.curves.curves import IMITATOR, RETURN, WIN, WIN_OR_TIE, Line
-from apil_core.studies.report.figures.palette import GROUND, Pen, pen_of
-from apil_core.studies.report.figures.plot import (
-    STEPS,
-    Plot,
-    Spec,
-    axis_title,
-    error_bar,
-    in_percent,
-    level,
-    listing,
-    percents,
-    rounded,
-    scale_top,
-    spec,
-    text,
-)
-from apil_core.studies.report.models import CurveLine, CurvePanel, RetrainingCurve
+from apil_core.studies.report.figures.palette import pen_of
+from apil_core.studies.report.figures.plot import Plot, level, listing, scale_top
+from apil_core.studies.report.models import CurvePanel, Diagnostics, RetrainingCurve
 from apil_core.studies.report.words import amount, percent
 
-MEASURES = {
-    WIN: "win",
-    WIN_OR_TIE: "win or tie",
-    RETURN: "return",
-    IMITATOR: "imitator's error",
-}
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MEASURES = {WIN: "win", WIN_OR_TIE: "win or tie", RETURN: "return", IMITATOR: "imitator's error"}
 """Lines that learning curves are drawn of, and their names on the page."""
 
 _AXES = {
@@ -40,11 +25,22 @@ _AXES = {
     IMITATOR: "squared error ÷ best constant's",
 }
 _SHARES = (WIN, WIN_OR_TIE)
-_HEIGHT = 270
+
+_LOGGED = {
+    "kl": "KL between successive adversaries",
+    "bound": "bound that this KL implies",
+    "imitator_kl": "KL between successive imitators",
+}
+"""Names of diagnostic lines in words; others stand for themselves."""
+
+TRIVIAL = "2H, the trivial bound"
+"""Fact of a run: what holds without any bound. It is drawn beside the bound, which says nothing above it."""
+
+_DECADES = 100.0  # of the largest by the least value, from which a logarithmic axis reads better
 
 
 def learning_curves(
-    panels: Sequence[CurvePanel], found: dict[str, Pen], settings: dict[str, str]
+    panels: Sequence[CurvePanel], found: Mapping[str, Pen], settings: Mapping[str, str]
 ) -> list[Plot]:
     """One figure for each panel and measure that has data.
 
@@ -57,30 +53,28 @@ def learning_curves(
         _learning(panel, measure, found, settings)
         for panel in panels
         for measure in MEASURES
-        if any(measure in line.lines for line in panel.lines)
+        if any(measure in group.lines for group in panel.groups)
     ]
 
 
-def _learning(panel: CurvePanel, measure: str, found: dict[str, Pen], settings: dict[str, str]) -> Plot:
-    lines = [line for line in panel.lines if measure in line.lines]
-    is_share = measure in _SHARES
-    traces = [
-        trace
-        for line in lines
-        for trace in _curve(line.lines[measure], pen_of(found, line.method), line.label, is_share)
-    ]
-    y: dict[str, Any] = {"rangemode": "tozero"} if measure == IMITATOR else {}
-    marks: dict[str, Any] = {}
-    if is_share:
-        traces += [_evaluations(line, measure, pen_of(found, line.method)) for line in lines if line.scores]
-        base = getattr(panel, f"baseline_{measure}")
-        marks = {} if base is None else level(round(100 * base, 2), f"baseline {percent(base)} %")
-        y = {"range": [0, _top(panel)]}
-    elif measure == IMITATOR:
-        marks = level(1.0, "the best constant")
-    ends = [(line.label, _last(line.lines[measure], is_share)) for line in lines]
+def _learning(panel: CurvePanel, measure: str, found: Mapping[str, Pen], settings: Mapping[str, str]) -> Plot:
+    groups = [group for group in panel.groups if measure in group.lines]
+
+    def draw(axis: Axes) -> None:
+        from apil_core.studies.curves.picture import draw_panel
+
+        draw_panel(axis, measure, groups, [pen_of(found, group.curves[0].method) for group in groups])
+        axis.set_ylabel(_AXES[measure])
+        if measure in _SHARES:
+            # both shares of a game have one scale, from nought, so that they can be compared
+            axis.set_ylim(0, scale_top(100 * max(_shares(panel), default=0.0)))
+            base = getattr(panel, f"baseline_{measure}")
+            if base is not None:
+                level(axis, 100 * base, f"baseline {percent(base)} %")
+
+    ends = [(group.label, _last(group.lines[measure], measure in _SHARES)) for group in groups]
     return Plot(
-        _axes(traces, _AXES[measure], y, marks),
+        draw,
         title=f"{panel.game}: {MEASURES[measure]}",
         alt=f"Learning curves in {panel.game}, {_AXES[measure]}, over steps; at the end {listing(ends)}.",
         caption=settings.get(panel.setting, ""),
@@ -88,96 +82,86 @@ def _learning(panel: CurvePanel, measure: str, found: dict[str, Pen], settings: 
     )
 
 
-def retraining_curves(curves: Sequence[RetrainingCurve], found: dict[str, Pen]) -> list[Plot]:
+def _shares(panel: CurvePanel) -> Iterable[float]:
+    for group in panel.groups:
+        for measure in _SHARES:
+            if measure in group.lines:
+                yield from group.lines[measure].high or group.lines[measure].value
+            yield from (getattr(point, measure).high for curve in group.curves for point in curve.scores)
+    yield from (share for share in (panel.baseline_win, panel.baseline_win_or_tie) if share is not None)
+
+
+def retraining_curves(curves: Sequence[RetrainingCurve], found: Mapping[str, Pen]) -> list[Plot]:
     """One figure for each retraining and measure: the victim's games against each opponent."""
-    return [_retraining(curve, measure, found) for curve in curves for measure in _SHARES if curve.lines]
+    return [_retraining(curve, measure, found) for curve in curves for measure in _SHARES if curve.groups]
 
 
-def _retraining(curve: RetrainingCurve, measure: str, found: dict[str, Pen]) -> Plot:
+def _retraining(curve: RetrainingCurve, measure: str, found: Mapping[str, Pen]) -> Plot:
     attack = curve.method if curve.label == curve.method else f"{curve.method} ({curve.label})"
-    drawn = [(line.opponent, getattr(line, measure)) for line in curve.lines]
-    traces = [
-        trace
-        for opponent, line in drawn
-        for trace in _curve(line, pen_of(found, opponent), f"against {opponent}", True)
-    ]
-    words = "games won by the victim, %" if measure == WIN else "won or tied by the victim, %"
-    ends = [(f"against {opponent}", _last(line, True)) for opponent, line in drawn]
+
+    def draw(axis: Axes) -> None:
+        from apil_core.studies.curves.picture import draw_panel
+
+        draw_panel(axis, measure, curve.groups, [pen_of(found, group.label) for group in curve.groups])
+        axis.set_ylabel("games won by the victim, %" if measure == WIN else "won or tied by the victim, %")
+        axis.set_ylim(0, 102)
+
+    ends = [(f"against {group.label}", _last(group.lines[measure], True)) for group in curve.groups]
     state = "" if curve.steps >= curve.planned_steps else f", {curve.status}"
     return Plot(
-        _axes(traces, words, {"range": [0, 102]}, {}),
-        title=f"{curve.game}, hardened against {attack}: {MEASURES[measure]}",
-        alt=f"The victim's games in {curve.game} while it is hardened against {attack}, "
+        draw,
+        title=f"{curve.game}, retrained against {attack}: {MEASURES[measure]}",
+        alt=f"The victim's games in {curve.game} while it is retrained against {attack}, "
         f"{MEASURES[measure]}; at the end {listing(ends)}.",
         caption=f"{amount(curve.steps)} of {amount(curve.planned_steps)} steps{state}.",
         facets={"game": curve.game, "measure": measure},
     )
 
 
-def _axes(traces: Sequence[dict[str, Any]], title: str, y: dict[str, Any], marks: dict[str, Any]) -> Spec:
-    return spec(
-        traces,
-        _HEIGHT,
-        x={"title": axis_title("environment steps"), **STEPS},
-        y={"title": axis_title(title), **y},
-        hovermode="x unified",
-        **marks,
-    )
-
-
-def _curve(line: Line, pen: Pen, label: str, is_share: bool) -> list[dict[str, Any]]:
-    values = percents if is_share else rounded
-    common: dict[str, Any] = {"type": "scatter", "x": line.steps, "meta": {"method": pen.name}}
-    edge = {**common, "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
-    band = [
-        {**edge, "y": values(line.low)},
-        {**edge, "y": values(line.high), "fill": "tonexty", "fillcolor": pen.band},
+def diagnostic_plots(
+    diagnostics: Sequence[Diagnostics], found: Mapping[str, Pen], settings: Mapping[str, str]
+) -> list[Plot]:
+    """One figure for each game, setting and line: all methods and seeds in it."""
+    groups: dict[tuple[str, str, str], list[tuple[Diagnostics, Line]]] = {}
+    for diagnostic in diagnostics:
+        for name, line in diagnostic.lines.items():
+            if line.steps:
+                groups.setdefault((diagnostic.game, diagnostic.setting, name), []).append((diagnostic, line))
+    return [
+        _logged(name, group, found, settings.get(setting, ""))
+        for (_game, setting, name), group in groups.items()
     ]
-    middle = {
-        **common,
-        "y": values(line.value),
-        "name": text(label),
-        "mode": "lines" if len(line.steps) > 1 else "markers",
-        "line": {"color": pen.colour, "dash": pen.dash, "width": 2},
-        "marker": {"color": pen.colour, "symbol": pen.symbol, "size": 8},
-        "hovertemplate": "%{y:.1f} %" if is_share else "%{y:.4~g}",
-    }
-    return [*(band if line.low else []), middle]
 
 
-def _evaluations(line: CurveLine, measure: str, pen: Pen) -> dict[str, Any]:
-    """Scores of single agents, with their intervals."""
-    ends = [in_percent(getattr(point, measure)) for point in line.scores]
-    return {
-        "type": "scatter",
-        "x": [point.steps for point in line.scores],
-        "y": [value for value, _, _ in ends],
-        "error_y": error_bar(ends, pen.colour),
-        "mode": "markers",
-        "name": text(f"{line.label}, scored"),
-        "marker": {
-            "color": pen.colour,
-            "symbol": pen.symbol,
-            "size": 8,
-            "line": {"color": GROUND, "width": 1},
-        },
-        "hovertemplate": "%{y:.1f} %",
-        "meta": {"method": pen.name},
-    }
+def _logged(
+    name: str, group: Sequence[tuple[Diagnostics, Line]], found: Mapping[str, Pen], setting: str
+) -> Plot:
+    game, title = group[0][0].game, _LOGGED.get(name, name)
+    trivial = [d.facts[TRIVIAL] for d, _ in group if TRIVIAL in d.facts] if name == "bound" else []
 
+    def draw(axis: Axes) -> None:
+        from apil_core.studies.curves.picture import draw_line, step_axis
 
-def _top(panel: CurvePanel) -> float:
-    """Both shares of a game have one scale, from nought, so that they can be compared."""
-    return scale_top(100 * max(_shares(panel), default=0.0))
+        for diagnostic, line in group:
+            draw_line(axis, line, pen_of(found, diagnostic.method), diagnostic.method)
+        values = [value for _, line in group for value in line.value]
+        if min(values) > 0 and max(values) > _DECADES * min(values):
+            axis.set_yscale("log")
+        else:
+            axis.set_ylim(bottom=min(0.0, *values))
+        if trivial:
+            level(axis, max(trivial), "2H, the trivial bound")
+        step_axis(axis)
 
-
-def _shares(panel: CurvePanel) -> Iterable[float]:
-    for line in panel.lines:
-        for measure in _SHARES:
-            if measure in line.lines:
-                yield from line.lines[measure].high or line.lines[measure].value
-            yield from (getattr(point, measure).high for point in line.scores)
-    yield from (share for share in (panel.baseline_win, panel.baseline_win_or_tie) if share is not None)
+    ends = [(f"{d.method}, seed {d.seed}", f"{line.value[-1]:.3g}") for d, line in group]
+    return Plot(
+        draw,
+        title=f"{game}: {title}",
+        alt=f"{title} in {game} over steps; at the end {listing(ends)}.",
+        caption=setting if not trivial else f"{setting} 2H, the trivial bound: {max(trivial):.3g}.".strip(),
+        facets={"game": game, "measure": title, "setting": group[0][0].setting},
+        height=2.6,
+    )
 
 
 def _last(line: Line, share: bool) -> str:

@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
-from apil_core.studies.report.figures.palette import INK, Pen, pen_of
-from apil_core.studies.report.figures.plot import (
-    Plot,
-    Spec,
-    error_bar,
-    in_percent,
-    listing,
-    percents,
-    scale_top,
-    spec,
-    text,
-)
-from apil_core.studies.report.models import Ablation, Aggregate
+from apil_core.common.charts import Pen, whisker
+from apil_core.studies.report.figures.palette import INK, pen_of, placeholder
+from apil_core.studies.report.figures.plot import Plot, listing, scale_top, short
+from apil_core.studies.report.models import Ablation
+from apil_core.studies.report.table_models import Aggregate
 from apil_core.studies.report.words import percent
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 _METRICS = {"win": "win", "win_or_tie": "win or tie"}
+_WIN, _TIE = Pen(placeholder("line-0"), marker="o"), Pen(INK, marker="D")
+
+Ends = tuple[float, float, float]
+"""Value, low and high of a share."""
 
 
 def aggregate_dots(
-    aggregates: Sequence[Aggregate], found: dict[str, Pen], settings: dict[str, str]
+    aggregates: Sequence[Aggregate], found: Mapping[str, Pen], settings: Mapping[str, str]
 ) -> list[Plot]:
     """Interquartile means: one figure for each setting and metric, a row for each method."""
     groups: dict[tuple[str, str], list[Aggregate]] = {}
@@ -33,87 +32,57 @@ def aggregate_dots(
     return [_aggregates(group, found, settings.get(setting, "")) for (setting, _), group in groups.items()]
 
 
-def _aggregates(group: Sequence[Aggregate], found: dict[str, Pen], setting: str) -> Plot:
-    traces = []
-    for aggregate in group:
-        pen = pen_of(found, aggregate.column)
-        low, high = (aggregate.iqm if end is None else end for end in (aggregate.low, aggregate.high))
-        value, low, high = percents([aggregate.iqm, low, high])
-        trace = _dots("", [aggregate.column], [(value, low, high)], pen.colour, pen.symbol)
-        traces.append(
-            {**trace, "meta": {"method": pen.name}, "hovertemplate": "%{y}: %{x:.1f} %<extra></extra>"}
-        )
-    figure = _rows(traces, len(group))
-    metric = _METRICS[group[0].metric]
-    values = [(aggregate.column, f"{percent(aggregate.iqm)} %") for aggregate in group]
+def _aggregates(group: Sequence[Aggregate], found: Mapping[str, Pen], setting: str) -> Plot:
+    rows = []
+    for each in group:
+        low, high = (each.iqm if end is None else end for end in (each.low, each.high))
+        rows.append([((each.iqm, low, high), pen_of(found, each.column))])
+    metric, columns = _METRICS[group[0].metric], [each.column for each in group]
+    values = [(each.column, f"{percent(each.iqm)} %") for each in group]
     return Plot(
-        figure,
+        lambda axis: draw_rows(axis, columns, rows),
         title=f"Interquartile mean over games: {metric}",
         alt=f"Interquartile mean over {len(group[0].games)} games, {metric}: {listing(values)}.",
         caption=setting,
         facets={"measure": group[0].metric, "setting": group[0].setting},
+        height=0.5 + 0.26 * len(rows),
     )
 
 
-def ablation_dots(ablations: Sequence[Ablation], settings: dict[str, str]) -> list[Plot]:
-    """One figure for each ablation: a row for each value, filled dots for win, open ones for win or tie."""
+def ablation_dots(ablations: Sequence[Ablation], settings: Mapping[str, str]) -> list[Plot]:
+    """One figure for each ablation: a row for each value, circles for win, diamonds for win or tie."""
     return [plot for ablation in ablations if (plot := _ablation(ablation, settings)) is not None]
 
 
-def _ablation(ablation: Ablation, settings: dict[str, str]) -> Plot | None:
-    rows = [
-        (row.value, win, tie)
-        for row in ablation.rows
-        if (win := row.cell.win.measured) is not None and (tie := row.cell.win_or_tie.measured) is not None
-    ]
+def _ablation(ablation: Ablation, settings: Mapping[str, str]) -> Plot | None:
+    names, rows, wins = [], [], []
+    for row in ablation.rows:
+        win, tie = row.cell.win.measured, row.cell.win_or_tie.measured
+        if win is not None and tie is not None:
+            names.append(row.value)
+            rows.append(
+                [((share.value, share.low, share.high), pen) for share, pen in ((tie, _TIE), (win, _WIN))]
+            )
+            wins.append((row.value, f"{percent(win.value)} %"))
     if not rows:
         return None
-    names = [value for value, _, _ in rows]
-    traces = [
-        _dots("win", names, [in_percent(win) for _, win, _ in rows], "var(--line-0)", "circle"),
-        _dots("win or tie", names, [in_percent(tie) for _, _, tie in rows], INK, "circle-open"),
-    ]
-    figure = _rows(
-        traces,
-        len(rows) + 1,
-        showlegend=True,
-        legend={"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom"},
-        margin={"l": 70, "r": 14, "t": 30, "b": 40},
-    )
-    wins = [(value, f"{percent(win.value)} %") for value, win, _ in rows]
     return Plot(
-        figure,
+        lambda axis: draw_rows(axis, names, rows),
         title=f"{ablation.game}, {ablation.method}: {ablation.title}",
         alt=f"{ablation.title}, {ablation.method} in {ablation.game}, win: {listing(wins)}.",
         caption=settings.get(ablation.setting, ""),
         facets={"game": ablation.game},
+        height=0.5 + 0.3 * len(rows),
     )
 
 
-def _dots(
-    name: str, labels: Sequence[str], ends: Sequence[tuple[float, float, float]], colour: str, symbol: str
-) -> dict[str, Any]:
-    return {
-        "type": "scatter",
-        "x": [value for value, _, _ in ends],
-        "y": [text(label) for label in labels],
-        "error_x": error_bar(ends, colour),
-        "name": name,
-        "mode": "markers",
-        "marker": {"color": colour, "symbol": symbol, "size": 10, "line": {"width": 2, "color": colour}},
-        "hovertemplate": "%{y}: %{x:.1f} %",
-    }
-
-
-def _rows(traces: Sequence[dict[str, Any]], count: int, **layout: Any) -> Spec:
-    highest = max(
-        x + up for trace in traces for x, up in zip(trace["x"], trace["error_x"]["array"], strict=True)
-    )
-    style: dict[str, Any] = {"margin": {"l": 70, "r": 14, "t": 8, "b": 32}, **layout}
-    return spec(
-        traces,
-        74 + 30 * count,
-        x={"range": [0, scale_top(highest)], "ticksuffix": " %"},
-        y={"type": "category", "autorange": "reversed"},
-        **style,
-    )
+def draw_rows(axis: Axes, names: Sequence[str], rows: Sequence[Sequence[tuple[Ends, Pen]]]) -> None:
+    """A row for each name with its shares in per cent, the first on top."""
+    for i, row in enumerate(rows):
+        for ends, pen in row:
+            whisker(axis, i, ends, pen, factor=100.0, level=True, markersize=7)
+    highest = max(ends[2] for row in rows for ends, _ in row)
+    axis.set(xlim=(0, scale_top(100 * highest)), ylim=(len(rows) - 0.5, -0.5))
+    axis.set_yticks(range(len(names)), [short(name) for name in names])
+    axis.xaxis.set_major_formatter("{x:g} %")
+    axis.grid(axis="y", visible=False)

@@ -4,28 +4,43 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
-from apil_core.studies.report.figures.palette import CAUSES, GROUND, PATTERNS
-from apil_core.studies.report.figures.plot import Plot, listing, spec, text
+from apil_core.studies.report.figures.palette import CAUSES, GROUND, placeholder
+from apil_core.studies.report.figures.plot import Plot, listing, short
 from apil_core.studies.report.models import Endings
 from apil_core.studies.report.words import percent
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 SEEING = "seeing adversary"
 """Of scores in which nothing is hidden from it."""
 
-_WIDTH = 380
-"""CSS pixels of a figure's legend where two stand side by side."""
+_HATCHES = ("", "///", "", "|||", "", "\\\\\\", "", "xxx")
+"""Over the colours of causes: neighbours differ without colour too."""
 
 _OUTCOMES = (
-    ("adversary wins", "wins", "var(--adversary)", ""),
-    ("tie", "ties", "var(--tie)", "/"),
-    ("victim wins", "losses", "var(--victim)", ""),
+    ("adversary wins", "wins", placeholder("adversary"), ""),
+    ("tie", "ties", placeholder("tie"), "///"),
+    ("victim wins", "losses", placeholder("victim"), ""),
 )
+_LETTERS = 62  # of a legend's font that fit side by side
 
 
-def ending_bars(endings: Sequence[Endings], scores: dict[str, str], settings: dict[str, str]) -> list[Plot]:
+class Part(NamedTuple):
+    """One piece of every bar: name, counts for each column, colour and pattern."""
+
+    name: str
+    counts: Sequence[int]
+    colour: str
+    hatch: str
+
+
+def ending_bars(
+    endings: Sequence[Endings], scores: Mapping[str, str], settings: Mapping[str, str]
+) -> list[Plot]:
     """Two figures for each game of a table: by outcome and by cause, a bar for each column.
 
     Args:
@@ -34,107 +49,78 @@ def ending_bars(endings: Sequence[Endings], scores: dict[str, str], settings: di
         settings: labels by id, where there are several.
     """
     groups: dict[tuple[str, str], list[Endings]] = {}
+    causes: dict[str, Counter[str]] = {}
     for ending in endings:
         if ending.episodes:
             groups.setdefault((ending.table, ending.game), []).append(ending)
-    causes = _causes(endings)
+            causes.setdefault(ending.game, Counter()).update(ending.causes)
     plots = []
     for (table, game), group in groups.items():
         words, score = settings.get(group[0].setting, ""), scores.get(table, table)
-        outcomes = [(name, [getattr(e, key) for e in group], colour, p) for name, key, colour, p in _OUTCOMES]
+        outcomes = [Part(name, [getattr(e, key) for e in group], c, h) for name, key, c, h in _OUTCOMES]
+        # a cause has one colour in all figures of its game
+        counted = _counted(group, [name for name, _ in causes[game].most_common()])
         plots += [
-            _bars(group, "outcome", outcomes, score, words),
-            _bars(group, "cause", _counted(group, causes[game]), score, words),
+            _bars(group, kind, parts, score, words)
+            for kind, parts in (("outcome", outcomes), ("cause", counted))
         ]
     return plots
 
 
-Part = tuple[str, list[int], str, str]
-"""Name, counts for each column, colour and pattern."""
-
-
-def _causes(endings: Sequence[Endings]) -> dict[str, list[str]]:
-    """Causes of each game, most frequent first: a cause has one colour in all figures of its game."""
-    counts: dict[str, Counter[str]] = {}
-    for ending in endings:
-        counts.setdefault(ending.game, Counter()).update(ending.causes)
-    return {game: [name for name, _ in counted.most_common()] for game, counted in counts.items()}
-
-
 def _counted(group: Sequence[Endings], causes: Sequence[str]) -> list[Part]:
     return [
-        (
+        Part(
             name,
             [ending.causes.get(name, 0) for ending in group],
-            f"var(--cause-{i % len(CAUSES)})",
+            CAUSES[i % len(CAUSES)],
             # a colour that comes again has another pattern
-            PATTERNS[(i + i // len(CAUSES)) % len(PATTERNS)],
+            _HATCHES[(i + i // len(CAUSES)) % len(_HATCHES)],
         )
         for i, name in enumerate(causes)
     ]
 
 
-def _legend_rows(names: Sequence[str]) -> int:
-    """Rows that plotly needs: all entries are as wide as the longest, and with too few the legend scrolls."""
-    entry = 45 + 7 * max(len(name) for name in names)
-    return math.ceil(len(names) / max(1, _WIDTH // entry))
-
-
 def _bars(group: Sequence[Endings], kind: str, parts: Sequence[Part], score: str, setting: str) -> Plot:
-    rows = _legend_rows([part[0] for part in parts])
-    figure = spec(
-        [_trace(group, part) for part in parts],
-        40 + 30 * len(group) + 19 * rows,
-        x={"range": [0, 100.4], "ticksuffix": " %", "dtick": 25},
-        y={"autorange": "reversed", "type": "category", "showgrid": False},
-        barmode="stack",
-        bargap=0.28,
-        showlegend=True,
-        legend={
-            "orientation": "h",
-            "x": 0,
-            "y": 0,
-            "yref": "container",
-            "yanchor": "bottom",
-            "traceorder": "normal",
-        },
-        margin={"l": 70, "r": 24, "t": 6, "b": 26 + 19 * rows},
-    )
+    ncols = max(1, min(len(parts), _LETTERS // (max(len(short(part.name)) for part in parts) + 6)))
     game = group[0].game
     blinded = f", {score}" if score != SEEING else ""
     return Plot(
-        figure,
+        lambda axis: _draw(axis, group, parts, ncols),
         title=f"{game}{blinded}: by {kind}",
         alt=f"How games ended in {game}{blinded}, by {kind}. " + " ".join(_words(group, parts)),
         caption=setting,
         facets={"game": game, "kind": kind, "score": score, "setting": group[0].setting},
+        height=0.5 + 0.26 * len(group) + 0.17 * math.ceil(len(parts) / ncols),
     )
 
 
-def _trace(group: Sequence[Endings], part: Part) -> dict[str, Any]:
-    name, counts, colour, pattern = part
-    return {
-        "type": "bar",
-        "orientation": "h",
-        "y": [text(ending.column) for ending in group],
-        "x": [round(100 * n / ending.episodes, 2) for n, ending in zip(counts, group, strict=True)],
-        "name": text(name),
-        "customdata": counts,
-        "marker": {
-            "color": colour,
-            "line": {"color": GROUND, "width": 1},
-            "pattern": {"shape": pattern, "bgcolor": colour, "fgcolor": GROUND, "size": 7, "solidity": 0.25},
-        },
-        "hovertemplate": "%{x:.1f} % (%{customdata} games)",
-    }
+def _draw(axis: Axes, group: Sequence[Endings], parts: Sequence[Part], ncols: int) -> None:
+    left = [0.0] * len(group)
+    for part in parts:
+        shares = [100 * n / ending.episodes for n, ending in zip(part.counts, group, strict=True)]
+        axis.barh(
+            range(len(group)),
+            shares,
+            left=left,
+            height=0.72,
+            color=part.colour,
+            hatch=part.hatch,
+            edgecolor=GROUND,
+            linewidth=0.8,
+            label=short(part.name),
+        )
+        left = [begin + share for begin, share in zip(left, shares, strict=True)]
+    axis.set(xlim=(0, 100.4), ylim=(len(group) - 0.5, -0.5))
+    axis.set_yticks(range(len(group)), [short(ending.column) for ending in group])
+    axis.xaxis.set_major_formatter("{x:g} %")
+    axis.grid(axis="y", visible=False)
+    axis.get_figure().legend(loc="outside lower left", ncols=ncols, fontsize=8)  # type: ignore[union-attr]
 
 
 def _words(group: Sequence[Endings], parts: Sequence[Part]) -> list[str]:
     return [
         f"{ending.column}: "
-        + listing(
-            [(name, f"{percent(counts[i] / ending.episodes)} %") for name, counts, _, _ in parts if counts[i]]
-        )
+        + listing([(p.name, f"{percent(p.counts[i] / ending.episodes)} %") for p in parts if p.counts[i]])
         + "."
         for i, ending in enumerate(group)
     ]

@@ -1,27 +1,50 @@
-"""A figure as the page shows it, and what all figures share."""
+"""A figure as the page shows it: inline SVG in the page's colours, with its words."""
 
 from __future__ import annotations
 
+import io
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
-from apil_core.evaluation.results import Rate
-from apil_core.studies.report.figures.palette import GRID, GROUND, INK, MUTED
-from apil_core.studies.report.models import Share
+from apil_core.common.charts import STYLE
+from apil_core.common.visible import visible
+from apil_core.studies.report.figures.palette import GRID, GROUND, INK, MUTED, NEUTRAL, with_variables
 
-Spec = dict[str, Any]
-"""A plotly figure as plain data: ``data`` and ``layout``.
+if TYPE_CHECKING:
+    from markupsafe import Markup
+    from matplotlib.axes import Axes
 
-The tests let plotly's own classes check every name and value; to build figures of them takes seconds.
-"""
+WIDTH = 5.0
+"""Inches of a figure of which two stand side by side, at text of 9 points."""
 
-STEPS: dict[str, Any] = {"rangemode": "tozero", "exponentformat": "SI", "showgrid": False}
-"""Of axes of environment steps."""
-
-_AXIS = {"gridcolor": GRID, "zerolinecolor": GRID, "linecolor": MUTED, "automargin": True}
+_STYLE: dict[str, Any] = {
+    **STYLE,
+    "font.size": 9,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": MUTED,
+    "axes.axisbelow": True,
+    "axes.facecolor": GROUND,
+    "figure.facecolor": "none",
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.major.size": 2,
+    "ytick.major.size": 2,
+    "grid.color": GRID,
+    "hatch.color": GROUND,
+    "hatch.linewidth": 1.6,
+    "path.simplify_threshold": 0.3,
+}
+_SVG = "{http://www.w3.org/2000/svg}"
+_LINK = "{http://www.w3.org/1999/xlink}href"
+_FAMILY = re.compile(r"(?<=px) '[^;]*|font-family: [^;]*; ")
+"""Fonts of matplotlib; the page has its own."""
 
 
 @dataclass(frozen=True)
@@ -29,110 +52,93 @@ class Plot:
     """A figure with its words.
 
     Attributes:
-        figure: plotly's; colours are CSS variables.
+        draw: draws it on axes, in colours of :mod:`.palette`.
         title: above it.
-        alt: what it shows in words and numbers, for who cannot see it.
+        alt: what it shows in words and numbers, for screen readers.
         caption: below it, may be empty.
         facets: what the section's selectors choose by, e.g. ``{"game": "sumo-ants", "measure": "win"}``.
         wide: takes the whole row.
+        height: in inches, where the width is :data:`WIDTH` or, of a wide one, twice that.
     """
 
-    figure: Spec
+    draw: Callable[[Axes], None]
     title: str
     alt: str
     caption: str = ""
     facets: dict[str, str] = field(default_factory=dict)
     wide: bool = False
+    height: float = 2.7
+
+    def svg(self, key: str) -> Markup:
+        """The figure for HTML; ``key`` tells its ids from those of the page's other figures."""
+        from markupsafe import Markup
+        from matplotlib import style
+        from matplotlib.figure import Figure
+
+        stream = io.StringIO()
+        with style.context(["default", {**_STYLE, "svg.hashsalt": key}]):
+            figure = Figure(figsize=(2 * WIDTH if self.wide else WIDTH, self.height), layout="constrained")
+            self.draw(figure.subplots())
+            figure.savefig(stream, format="svg", metadata={"Date": None})
+        return Markup(
+            _inline(visible(stream.getvalue()))
+        )  # matplotlib escapes names, and so does ElementTree
 
 
-def spec(
-    traces: Sequence[dict[str, Any]],
-    height: int,
-    *,
-    x: dict[str, Any] | None = None,
-    y: dict[str, Any] | None = None,
-    **layout: Any,
-) -> Spec:
-    """A figure in the page's style.
-
-    Args:
-        traces: plotly's.
-        height: CSS pixels; the width is that of the place.
-        x, y: what its axes have beside the style.
-        layout: lies over the style.
-    """
-    return {
-        "data": list(traces),
-        "layout": {
-            "height": height,
-            "margin": {"l": 46, "r": 14, "t": 12, "b": 40},
-            "paper_bgcolor": "rgba(0, 0, 0, 0)",
-            "plot_bgcolor": "rgba(0, 0, 0, 0)",
-            "font": {"family": "system-ui, sans-serif", "size": 12, "color": INK},
-            "hoverlabel": {"bgcolor": GROUND, "bordercolor": MUTED, "font": {"size": 12, "color": INK}},
-            "showlegend": False,
-            "xaxis": {**_AXIS, **(x or {})},
-            "yaxis": {**_AXIS, **(y or {})},
-            **layout,
-        },
-    }
+def _inline(text: str) -> str:
+    """SVG as it stands in a page: with CSS variables and short numbers, without size, ids and metadata."""
+    root = ElementTree.fromstring(text)
+    for part in ({f"{_SVG}metadata"}, {f"{_SVG}style"}):
+        for parent in list(root.iter()):
+            for child in [child for child in parent if child.tag in part]:
+                parent.remove(child)
+    linked = set(re.findall(r'(?:href="|url\()#([^")]+)', text))
+    for element in root.iter():
+        element.tag = element.tag.removeprefix(_SVG)
+        element.attrib = dict(_attributes(element.attrib, linked))
+        element.tail = None
+        if element.tag != "text":
+            element.text = None
+    root.attrib = {"viewBox": root.attrib["viewBox"], "focusable": "false"}
+    return ElementTree.tostring(root, encoding="unicode")
 
 
-def axis_title(words: str) -> dict[str, Any]:
-    """Of an axis."""
-    return {"text": words, "standoff": 8, "font": {"size": 12}}
+def _attributes(found: dict[str, str], linked: set[str]) -> Iterator[tuple[str, str]]:
+    for name, value in found.items():
+        if name == "style":
+            style = _FAMILY.sub("", with_variables(value)).replace("font: ", "font-size: ")
+            yield name, style.replace(": ", ":").replace("; ", ";")
+        elif name == "fill":  # of a hatch's ground; variables are for style only
+            yield "style", f"fill:{with_variables(value)}"
+        elif name in ("d", "x", "y", "transform"):
+            yield name, _short(value)
+        elif name != "id" or value in linked:
+            yield name.replace(_LINK, "href"), value
 
 
-def text(value: object) -> str:
-    """A name for plotly, which reads its labels as a little HTML."""
-    return escape(str(value), quote=False)
+def _short(numbers: str) -> str:
+    """With a digit behind the point: the page has 1.3 pixels to a unit."""
+    rounded = re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):.1f}".removesuffix(".0"), numbers)
+    return re.sub(r"\s*([MLQCz])\s*", r"\1", rounded.replace("\n", " ")).strip()
 
 
-def percents(shares: Sequence[float]) -> list[float]:
-    """Fractions as per cent, to a hundredth."""
-    return [round(100 * share, 2) for share in shares]
+def level(axis: Axes, value: float, words: str) -> None:
+    """A dashed line across a figure, with its words; left out where the axis does not reach."""
+    axis.axhline(value, color=NEUTRAL, linestyle="--", linewidth=1.2, zorder=1)
+    axis.text(
+        *(0.01, value, words),
+        transform=axis.get_yaxis_transform(),
+        ha="left",
+        va="bottom",
+        fontsize=8,
+        color=MUTED,
+        clip_on=True,
+    ).set_in_layout(False)
 
 
-def rounded(values: Sequence[float]) -> list[float]:
-    """To five digits: no screen shows more."""
-    return [float(f"{value:.5g}") for value in values]
-
-
-def error_bar(ends: Sequence[tuple[float, float, float]], colour: str) -> dict[str, Any]:
-    """Error bars for plotly, of (value, low, high) each."""
-    # rounding may put the end of an interval a hair on the wrong side of its value
-    return {
-        "type": "data",
-        "symmetric": False,
-        "array": [round(max(high - value, 0.0), 4) for value, _, high in ends],
-        "arrayminus": [round(max(value - low, 0.0), 4) for value, low, _ in ends],
-        "color": colour,
-        "thickness": 1.4,
-        "width": 4,
-    }
-
-
-def in_percent(share: Share | Rate) -> tuple[float, float, float]:
-    """Value, low and high of a share."""
-    value, low, high = percents([share.value, share.low, share.high])
-    return value, low, high
-
-
-def level(value: float, words: str) -> dict[str, Any]:
-    """A dashed line across a figure, with its words: ``shapes`` and ``annotations`` for the layout."""
-    line = {"color": "var(--line-baseline)", "dash": "dash", "width": 1.4}
-    shape = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": value, "y1": value, "line": line}
-    annotation = {
-        "text": text(words),
-        "x": 1,
-        "xref": "paper",
-        "xanchor": "right",
-        "y": value,
-        "yanchor": "bottom",
-        "showarrow": False,
-        "font": {"size": 11, "color": MUTED},
-    }
-    return {"shapes": [shape], "annotations": [annotation]}
+def short(name: str) -> str:
+    """A name as a label of an axis, at most 24 letters: the tables have it whole."""
+    return visible(name if len(name) <= 24 else f"{name[:23]}…")
 
 
 def scale_top(highest: float) -> float:

@@ -1,50 +1,8 @@
-/* Draws the figures in the theme's colours, and makes selectors, legends, copies, contents and print work. */
+/* Makes theme, selectors, copies, contents and print work. */
 (() => {
   "use strict";
   const root = document.documentElement;
   const all = (selector, within = document) => [...within.querySelectorAll(selector)];
-  const specs = JSON.parse(document.getElementById("figures").textContent);
-  const config = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] };
-  const PRINT = { wide: 700, half: 340 };  // CSS pixels between the margins of A4
-  const hidden = new Set();                // methods switched off in a legend
-  let printing = false;
-
-  /* colours */
-  const probe = document.body.appendChild(document.createElement("span"));
-  probe.hidden = true;
-  const colour = (value) => {
-    probe.style.color = value;
-    return getComputedStyle(probe).color;
-  };
-  const resolved = (value) => {
-    if (typeof value === "string") return value.startsWith("var(--") ? colour(value) : value;
-    if (Array.isArray(value)) return value.map(resolved);
-    if (value && typeof value === "object")
-      return Object.fromEntries(Object.entries(value).map(([key, inner]) => [key, resolved(inner)]));
-    return value;
-  };
-
-  /* figures */
-  const draw = (plot) => {
-    const { data, layout } = resolved(specs[plot.id]);
-    for (const trace of data) if (trace.meta && hidden.has(trace.meta.method)) trace.visible = false;
-    if (printing) layout.width = plot.closest(".single, .wide") ? PRINT.wide : PRINT.half;
-    const name = plot.id.replace(/^figure-/, "");
-    Plotly.newPlot(plot, data, layout, { ...config, responsive: !printing, toImageButtonOptions: { filename: name, scale: 2 } });
-  };
-
-  /* drawn when one comes near, and anew when colours or choices change */
-  const near = new Set();
-  const old = new Set(all(".plot"));
-  const refresh = (plot) => { if (old.has(plot) && (printing || near.has(plot))) { old.delete(plot); draw(plot); } };
-  const redraw = (within = document) => all(".plot", within).forEach((plot) => { old.add(plot); refresh(plot); });
-  const watch = new IntersectionObserver((entries) => {
-    for (const { target, isIntersecting } of entries) {
-      if (isIntersecting) near.add(target); else near.delete(target);
-      refresh(target);
-    }
-  }, { rootMargin: "500px" });
-
   /* theme */
   const system = matchMedia("(prefers-color-scheme: dark)");
   const remember = { get: () => { try { return localStorage.getItem("apil-theme"); } catch { return null; } },
@@ -57,9 +15,8 @@
     root.dataset.theme = dark() ? "light" : "dark";
     remember.set(root.dataset.theme);
     label();
-    redraw();
   });
-  system.addEventListener("change", () => { label(); if (!printing) redraw(); });
+  system.addEventListener("change", label);
 
   /* selectors: a figure is shown if every selector of its section lets it */
   const filter = (form) => {
@@ -73,19 +30,8 @@
     const shown = figures.filter((figure) => !figure.hidden);
     all(".figures", section).forEach((grid) => grid.classList.toggle("single", shown.length === 1));
     all(".none-left", section).forEach((line) => { line.hidden = shown.length > 0; });
-    redraw(section);
   };
   for (const form of all("form.selectors")) form.addEventListener("change", () => filter(form));
-
-  /* legends switch methods off and on in every figure of the page */
-  for (const button of all("button.method"))
-    button.addEventListener("click", () => {
-      const method = button.dataset.method;
-      if (!hidden.delete(method)) hidden.add(method);
-      for (const same of all("button.method"))
-        if (same.dataset.method === method) same.setAttribute("aria-pressed", String(!hidden.has(method)));
-      redraw();
-    });
 
   /* copies of tables */
   const say = (button, words) => {
@@ -120,31 +66,13 @@
       say(button, "Saved");
     });
 
-  /* print: everything, in light colours */
-  let before = null;
-  const enterPrint = () => {
-    if (printing) return;
-    printing = true;
-    before = { theme: root.dataset.theme, figures: all("figure[hidden]"), details: all("details:not([open]):not(.screen)"),
-               off: [...hidden] };
-    root.dataset.theme = "light";
-    hidden.clear();
-    before.figures.forEach((figure) => { figure.hidden = false; });
-    before.details.forEach((details) => { details.open = true; });
-    redraw();
-  };
-  const leavePrint = () => {
-    if (!printing) return;
-    printing = false;
-    if (before.theme) root.dataset.theme = before.theme; else delete root.dataset.theme;
-    before.off.forEach((method) => hidden.add(method));
-    before.figures.forEach((figure) => { figure.hidden = true; });
-    before.details.forEach((details) => { details.open = false; });
-    redraw();
-  };
-  addEventListener("beforeprint", enterPrint);
-  addEventListener("afterprint", leavePrint);
-  matchMedia("print").addEventListener("change", (event) => (event.matches ? enterPrint() : leavePrint()));
+  /* print: with everything opened; colours and figures are the style sheet's */
+  let opened = [];
+  addEventListener("beforeprint", () => {
+    opened = all("details:not([open]):not(.screen)");
+    opened.forEach((details) => { details.open = true; });
+  });
+  addEventListener("afterprint", () => { opened.forEach((details) => { details.open = false; }); });
 
   /* where one is */
   const links = new Map(all(".contents a").map((link) => [link.hash.slice(1), link]));
@@ -157,9 +85,13 @@
   }, { rootMargin: "-10% 0px -75% 0px" });
   all("section[id]").forEach((section) => seen.observe(section));
 
+  /* a link to the warnings opens them */
+  const unfold = () => { const place = document.getElementById(location.hash.slice(1)); if (place?.matches("details")) place.open = true; };
+  addEventListener("hashchange", unfold);
+
+  unfold();
   label();
   all("form.selectors").forEach((form) => form.reset());
   all("form.selectors").forEach(filter);
-  all(".plot").forEach((plot) => watch.observe(plot));
   root.dataset.ready = "true";
 })();

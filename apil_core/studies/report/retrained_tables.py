@@ -13,13 +13,12 @@ from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.runs.retraining.folder import RetrainDir
 from apil_core.studies.bench.jobs import labels
 from apil_core.studies.report.attack_tables import BASELINE
-from apil_core.studies.report.cells import cell, seed_score
-from apil_core.studies.report.labels import cell_marks, setting_notes
-from apil_core.studies.report.models import CrossPlayMatrix, SeedScore, Setting, Share, Table
+from apil_core.studies.report.cells import cell, make_table, seed_score
+from apil_core.studies.report.labels import cell_marks, in_paper, setting_notes
 from apil_core.studies.report.published import published
 from apil_core.studies.report.settings import key_of, victim_kind
 from apil_core.studies.report.sources import Sources, StoredBench
-from apil_core.studies.report.statistics import share
+from apil_core.studies.report.table_models import SeedScore, Setting, Table
 from apil_core.studies.report.words import amount, budget_mark
 
 ORIGINAL, AGAINST = "original", "vs "
@@ -131,33 +130,7 @@ def _known(bench: StoredBench, document: CrossPlay, attacks: Mapping[str, Attack
     return {label: attacks[path] for label, path in paths.items() if path in attacks}
 
 
-def matrices(documents: Sequence[Played]) -> list[CrossPlayMatrix]:
-    """Every cross-play as shares."""
-    return [_matrix(played.document) for played in documents]
-
-
-def _matrix(document: CrossPlay) -> CrossPlayMatrix:
-    first = document.played[0]
-    games = sorted({score.episodes for score in document.played})
-    facts = [f"{games[0]} games each" if len(games) == 1 else f"{games[0]} to {games[-1]} games each"]
-    facts += [f"{first.physics} physics"] if first.physics else []
-    facts.append(f"actions {first.adversary_actions}/{first.victim_actions}")
-    return CrossPlayMatrix(
-        game=document.env,
-        setting=", ".join(facts),
-        adversaries=[player.label for player in document.adversaries],
-        victims=[player.label for player in document.victims],
-        episodes=games[0],
-        win=[[_share(score, 0) for score in row] for row in document.scores],
-        win_or_tie=[[_share(score, 1) for score in row] for row in document.scores],
-    )
-
-
-def _share(score: EvaluationResult | None, ties: int) -> Share | None:
-    return None if score is None else share([score.wins + ties * score.ties], [score.episodes])
-
-
-def hardened_tables(
+def retrained_tables(
     documents: Sequence[Played], games: Sequence[str], columns: Sequence[str], begin: int
 ) -> tuple[list[Table], list[Setting]]:
     """Tables 3 and 4 with their settings.
@@ -170,7 +143,10 @@ def hardened_tables(
     entries = [entry for played in documents for entry in _entries(played)]
     blocks = list(dict.fromkeys(entry.block for entry in entries if entry.column != BASELINE))
     tables: list[Table] = []
-    settings = [_setting(f"s{begin + i}", block) for i, block in enumerate(blocks)]
+    settings = []
+    for i, block in enumerate(blocks):
+        paper = in_paper(entry.game for entry in entries if entry.block == block)
+        settings.append(_setting(f"s{begin + i}", block, paper))
     for number in (3, 4):
         for block, setting in zip(blocks, settings, strict=True):
             own = [entry for entry in entries if entry.number == number and _belongs(entry, block)]
@@ -284,31 +260,22 @@ def _table(
             scores = list(reversed(found.values()))
             least = min((score.episodes for score in scores), default=published().episodes)
             trained = 0 if column == BASELINE else len(scores)
-            marks = cell_marks(setting, trained, least) if scores else []
+            marks = cell_marks(setting, game, trained, least) if scores else []
             changed = setting.axes and column != BASELINE
             row.append(cell(game, column, scores, None if changed else source.value(game, column), marks))
         rows.append(row)
-    return Table(
-        id=f"t{number}-{setting.id}",
-        number=3 if number == 3 else 4,
-        name=source.name,
-        title=_TITLES[number],
-        side=source.side,
-        setting=setting.id,
-        columns=list(columns),
-        rows=rows,
-    )
+    return make_table(3 if number == 3 else 4, _TITLES[number], setting.id, columns, rows)
 
 
-def _setting(name: str, block: Block) -> Setting:
-    full = published().retrain_steps
+def _setting(name: str, block: Block, paper: bool) -> Setting:
+    full = published().retrain_steps if paper else None
     facts = [] if block.steps is None else [f"{amount(block.steps)} steps"]
     facts += [f"{block.physics} physics"] if block.physics else []
     facts += [f"victims retrained for {amount(block.retrain_steps)} steps"] if block.retrain_steps else []
     notes = []
     if mark := budget_mark(block.retrain_steps, full):
         notes.append(f"Victims retrained for {mark} of the published budget.")
-    notes += setting_notes(block.steps, block.physics, block.physics, block.victim, *block[4:6])
+    notes += setting_notes(block.steps, block.physics, block.physics, block.victim, *block[4:6], paper=paper)
     axes = ", ".join(f"{key}={value}" for key, value in block.axes)
     if axes:
         facts.append(f"against adversaries with {axes}")
@@ -319,7 +286,7 @@ def _setting(name: str, block: Block) -> Setting:
         steps=block.steps,
         retrain_steps=block.retrain_steps,
         published_steps=full,
-        budget_share=None if block.retrain_steps is None else block.retrain_steps / full,
+        budget_share=block.retrain_steps / full if block.retrain_steps is not None and full else None,
         trained_physics=block.physics,
         physics=block.physics,
         victim=block.victim,
@@ -328,5 +295,5 @@ def _setting(name: str, block: Block) -> Setting:
         axes=dict(block.axes),
         changes_method=any(name.startswith("options.") for name in dict(block.axes)),
         notes=notes,
-        matches_published=not notes,
+        matches_published=paper and not notes,
     )

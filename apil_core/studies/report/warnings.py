@@ -7,22 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from apil_core.evaluation.results import Rate
 from apil_core.studies.curves.curves import WIN_OR_TIE
 from apil_core.studies.report.attack_tables import BASELINE
-from apil_core.studies.report.courses import RATIO, UNEVEN
 from apil_core.studies.report.grouping import Groups
-from apil_core.studies.report.models import (
-    Cell,
-    CurvePanel,
-    Diagnostics,
-    Endings,
-    MethodDifference,
-    Setting,
-    Table,
-    Unfinished,
-    Warning,
-)
+from apil_core.studies.report.models import CurvePanel, Diagnostics, Endings, Unfinished, Warning
 from apil_core.studies.report.published import published
 from apil_core.studies.report.settings import Key, changed_options, game_of
 from apil_core.studies.report.statistics import ENOUGH_SEEDS, compared
+from apil_core.studies.report.table_models import Cell, MethodDifference, Setting, Table
+from apil_core.studies.report.training_curves import RATIO, UNEVEN
 from apil_core.studies.report.words import amount, percent, several
 
 TIES = 0.9
@@ -172,9 +163,9 @@ def attack_warnings(
 def _start(panels: Sequence[CurvePanel], setting: str, game: str, method: str) -> tuple[int, Rate] | None:
     """Steps and win+tie at the first point of the curve: a policy that has hardly learnt."""
     for panel in panels:
-        for line in panel.lines if (panel.setting, panel.game) == (setting, game) else ():
-            first = line.lines.get(WIN_OR_TIE)
-            if line.method == method and first is not None and first.low:
+        for group in panel.groups if (panel.setting, panel.game) == (setting, game) else ():
+            first = group.lines.get(WIN_OR_TIE)
+            if group.curves[0].method == method and first is not None and first.low:
                 return first.steps[0], Rate(value=first.value[0], low=first.low[0], high=first.high[0])
     return None
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from apil_core.evaluation.crossplay.document import CrossPlay, Player
-from apil_core.studies.report.hardened import Attack, Played, hardened_tables
-from apil_core.studies.report.models import Setting, Table
+from apil_core.studies.report.retrained_tables import Attack, Played, retrained_tables
+from apil_core.studies.report.table_models import Setting, Table
 from report.sample import KICK, VICTIMS, result
 
 COLUMNS = ["baseline", "adrl", "e_apil"]
@@ -46,7 +46,7 @@ def _played(
 
 
 def _tables(*played: Played) -> tuple[list[Table], list[Setting]]:
-    return hardened_tables(played, [KICK], COLUMNS, 1)
+    return retrained_tables(played, [KICK], COLUMNS, 1)
 
 
 def _losses(table: Table) -> dict[str, list[tuple[int | None, int]]]:

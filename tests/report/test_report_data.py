@@ -10,8 +10,9 @@ import pytest
 
 from apil_core.common.errors import RunDirError
 from apil_core.studies.bench.folder import BenchDir
-from apil_core.studies.report.evidence import gather
-from apil_core.studies.report.models import Cell, Evidence, Table
+from apil_core.studies.report.models import ReportData
+from apil_core.studies.report.report_data import gather
+from apil_core.studies.report.table_models import Cell, Table
 from apil_core.studies.report.tables import write_tables
 from report.sample import BASELINES, FAILED, KICK, SUMO, WORKING, sample_bench
 
@@ -24,15 +25,13 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> BenchDir:
 
 
 @pytest.fixture(scope="module")
-def evidence(bench: BenchDir) -> Evidence:
+def data(bench: BenchDir) -> ReportData:
     return gather([bench.path])
 
 
-def _table(evidence: Evidence, number: int, **axes: str) -> Table:
+def _table(data: ReportData, number: int, **axes: str) -> Table:
     return next(
-        table
-        for table in evidence.tables
-        if table.number == number and evidence.setting(table.setting).axes == axes
+        table for table in data.tables if table.number == number and data.setting(table.setting).axes == axes
     )
 
 
@@ -40,9 +39,9 @@ def _cell(table: Table, game: str, column: str) -> Cell:
     return next(each for row in table.rows for each in row if (each.game, each.column) == (game, column))
 
 
-def test_table_1_is_the_mean_over_seeds_beside_the_published_value(evidence: Evidence) -> None:
+def test_table_1_is_the_mean_over_seeds_beside_the_published_value(data: ReportData) -> None:
     """ADRL won 480 and 500 of 1000 games and tied 10 each; published are 48 and 49 %."""
-    own = _cell(_table(evidence, 1), KICK, "adrl")
+    own = _cell(_table(data, 1), KICK, "adrl")
     assert own.win.measured is not None
     assert own.win_or_tie.measured is not None
     assert (own.win.measured.value, own.win_or_tie.measured.value) == (0.49, 0.5)
@@ -53,36 +52,36 @@ def test_table_1_is_the_mean_over_seeds_beside_the_published_value(evidence: Evi
     assert own.marks == ["1 M of 35 M = 2.9 %", "2 seeds", "fast physics"]
 
 
-def test_a_method_without_cells_still_shows_what_was_published(evidence: Evidence) -> None:
-    own = _cell(_table(evidence, 1), KICK, "apil")
+def test_a_method_without_cells_still_shows_what_was_published(data: ReportData) -> None:
+    own = _cell(_table(data, 1), KICK, "apil")
     assert (own.win.measured, own.win.published, own.win.verdict) == (None, 0.85, "not measured")
 
 
-def test_the_baseline_is_an_agent_not_a_training(evidence: Evidence) -> None:
-    own = _cell(_table(evidence, 1), KICK, "baseline")
+def test_the_baseline_is_an_agent_not_a_training(data: ReportData) -> None:
+    own = _cell(_table(data, 1), KICK, "baseline")
     assert (own.scores[0].source, own.scores[0].steps) == (BASELINES[KICK], None)
     assert own.marks == ["fast physics"]
 
 
-def test_blinded_scores_make_table_2(evidence: Evidence) -> None:
-    table = _table(evidence, 2)
+def test_blinded_scores_make_table_2(data: ReportData) -> None:
+    table = _table(data, 2)
     own = _cell(table, KICK, "adrl")
     assert own.win.measured is not None
     assert (table.blind, own.win.measured.per_seed) == ("zeros", [0.24, 0.25])
 
 
-def test_an_axis_never_mixes_into_the_usual_cells(evidence: Evidence) -> None:
+def test_an_axis_never_mixes_into_the_usual_cells(data: ReportData) -> None:
     """With ã 700 and 720 wins, without it a tenth of 700 less."""
-    usual = _cell(_table(evidence, 1), KICK, "e_apil").win.measured
-    other = _cell(_table(evidence, 1, **{PREDICTION: "none"}), KICK, "e_apil").win
+    usual = _cell(_table(data, 1), KICK, "e_apil").win.measured
+    other = _cell(_table(data, 1, **{PREDICTION: "none"}), KICK, "e_apil").win
     assert usual is not None
     assert other.measured is not None
     assert (usual.per_seed, other.measured.per_seed) == ([0.7, 0.72], [0.63, 0.65])
     assert (other.published, other.verdict) == (None, "no published value")
 
 
-def test_the_ablation_puts_the_default_first(evidence: Evidence) -> None:
-    own = next(each for each in evidence.ablations if each.game == KICK)
+def test_the_ablation_puts_the_default_first(data: ReportData) -> None:
+    own = next(each for each in data.ablations if each.game == KICK)
     assert (own.axis, [row.value for row in own.rows]) == (PREDICTION, ["imitator", "none"])
     assert own.rows[1].win_difference is not None
     assert own.rows[1].win_difference.value == pytest.approx(-0.07)
@@ -90,9 +89,9 @@ def test_the_ablation_puts_the_default_first(evidence: Evidence) -> None:
     assert (own.rows[0].imitator_error, own.rows[1].imitator_error) == (pytest.approx(1.2), None)
 
 
-def test_tables_3_and_4_are_the_victims_view(evidence: Evidence) -> None:
+def test_tables_3_and_4_are_the_victims_view(data: ReportData) -> None:
     """The baseline adversary wins 280 of 1000 against the original: the victim wins 720."""
-    third, fourth = _table(evidence, 3), _table(evidence, 4)
+    third, fourth = _table(data, 3), _table(data, 4)
     wins = [
         _cell(table, KICK, column).win.measured
         for table in (third, fourth)
@@ -100,35 +99,35 @@ def test_tables_3_and_4_are_the_victims_view(evidence: Evidence) -> None:
     ]
     assert [share and share.value for share in wins] == [0.72, 0.7, 0.75, 0.3, 0.31, 0.6]
     assert _cell(fourth, KICK, "baseline").win.published == 0.1
-    setting = evidence.setting(fourth.setting)
+    setting = data.setting(fourth.setting)
     assert (setting.steps, setting.retrain_steps) == (1_000_000, 500_000)
     assert setting.budget == "500 k of 10 M = 5 %"
 
 
-def test_methods_are_compared_within_a_table(evidence: Evidence) -> None:
+def test_methods_are_compared_within_a_table(data: ReportData) -> None:
     """E-APIL's 71 % of 2000 games minus ADRL's 49 %."""
-    table = _table(evidence, 1)
+    table = _table(data, 1)
     found = next(
         each
-        for each in evidence.differences
+        for each in data.differences
         if (each.table, each.game, each.column, each.base) == (table.id, KICK, "e_apil", "adrl")
     )
     assert found.win.value == pytest.approx(0.22)
     assert found.win_verdict == "higher"
 
 
-def test_what_is_missing_is_listed_with_its_reason(evidence: Evidence) -> None:
-    found = {each.path.partition("cells/")[2]: each for each in evidence.unfinished}
+def test_what_is_missing_is_listed_with_its_reason(data: ReportData) -> None:
+    found = {each.path.partition("cells/")[2]: each for each in data.unfinished}
     assert found.keys() == {FAILED, WORKING}
     assert (found[FAILED].status, found[FAILED].reason) == ("failed", "the disk is full")
     assert (found[WORKING].steps, found[WORKING].planned_steps) == (400_000, 1_000_000)
-    assert _cell(_table(evidence, 1), SUMO, "adrl").seeds == 1
+    assert _cell(_table(data, 1), SUMO, "adrl").seeds == 1
 
 
-def test_warnings_are_computed(evidence: Evidence) -> None:
-    kinds = {warning.kind for warning in evidence.warnings if warning.loud}
+def test_warnings_are_computed(data: ReportData) -> None:
+    kinds = {warning.kind for warning in data.warnings if warning.loud}
     assert kinds == {"budget", "physics", "action modes", "seeds", "settings", "unfinished"}
-    texts = [warning.text for warning in evidence.warnings]
+    texts = [warning.text for warning in data.warnings]
     assert any(
         "adrl in sumo-humans: 98 % of win+tie are ties (10 wins and 490 ties" in text for text in texts
     )
@@ -136,10 +135,10 @@ def test_warnings_are_computed(evidence: Evidence) -> None:
     assert any("e_apil in kick-and-defend: in 2 of 2 runs the imitator predicts" in text for text in texts)
 
 
-def test_an_aggregate_over_two_seeds_says_what_it_cannot(evidence: Evidence) -> None:
+def test_an_aggregate_over_two_seeds_says_what_it_cannot(data: ReportData) -> None:
     """E-APIL's win+tie: 72 and 74, 50 and 52 %; the middle two are 52 and 72, their mean 62."""
-    setting = _table(evidence, 1).setting
-    found = {(e.column, e.metric): e for e in evidence.aggregates if e.setting == setting}
+    setting = _table(data, 1).setting
+    found = {(e.column, e.metric): e for e in data.aggregates if e.setting == setting}
     own = found["e_apil", "win_or_tie"]
     assert own.iqm == pytest.approx(0.62)
     assert own.low is not None
@@ -147,46 +146,45 @@ def test_an_aggregate_over_two_seeds_says_what_it_cannot(evidence: Evidence) -> 
     assert found["baseline", "win"].note == "Not trained here: one agent per game."
 
 
-def test_curves_are_the_means_of_seeds(evidence: Evidence) -> None:
+def test_curves_are_the_means_of_seeds(data: ReportData) -> None:
     """Windows of seeds 0 and 1 end at 480 and 500 wins of 1000."""
-    panel = next(panel for panel in evidence.curves if panel.game == KICK)
-    line = next(line for line in panel.lines if line.method == "adrl")
-    assert (line.seeds, line.lines["win"].value[-1]) == ([0, 1], pytest.approx(0.49))
+    panel = next(panel for panel in data.curves if panel.game == KICK)
+    group = next(group for group in panel.groups if group.label.startswith("adrl"))
+    assert (group.seeds, group.lines["win"].value[-1]) == ([0, 1], pytest.approx(0.49))
     assert (panel.baseline_win, panel.baseline_win_or_tie) == (0.28, 0.29)
-    working = next(p for p in evidence.curves if p.game == SUMO)
-    assert not next(line for line in working.lines if line.method == "adrl").finished
 
 
-def test_retrainings_crossplays_activations_and_pictures_come_along(evidence: Evidence) -> None:
-    own = evidence.retraining[0]
-    assert [line.opponent for line in own.lines] == ["e_apil", "baseline"]
-    assert own.lines[0].win.value == [0.2, 0.3, 0.4, 0.5, 0.6]
-    matrix = evidence.crossplay[0]
-    assert matrix.win[2][0] is not None
-    assert (matrix.adversaries[2], matrix.victims[0], matrix.win[2][0].value) == ("e_apil", "original", 0.7)
-    assert [cloud.log_likelihood for cloud in evidence.activations[0].clouds] == [-10.0, -20.0, -30.0]
-    assert evidence.snapshots[0].data_uri.startswith("data:image/png;base64,iVBOR")
+def test_retrainings_crossplays_activations_and_pictures_come_along(data: ReportData) -> None:
+    own = data.retraining[0]
+    assert [group.label for group in own.groups] == ["e_apil", "baseline"]
+    assert own.groups[0].lines["win"].value == [0.2, 0.3, 0.4, 0.5, 0.6]
+    assert (own.steps, own.planned_steps, own.status) == (500_000, 500_000, "finished")
+    score = data.crossplay[0].score("e_apil", "original")
+    assert score is not None
+    assert score.win_rate.value == 0.7
+    assert [each.mean for each in data.activations[0].log_likelihood] == [-10.0, -20.0, -30.0]
+    assert data.snapshots[0].data_uri.startswith("data:image/png;base64,iVBOR")
 
 
-def test_diagnostics_have_the_lemmas_numbers(evidence: Evidence) -> None:
+def test_diagnostics_have_the_lemmas_numbers(data: ReportData) -> None:
     """1 game-step in 1000 of 100 000, 500 games: 0.2 steps per game in which rewards are not opposite."""
-    own = next(each for each in evidence.diagnostics if (each.game, each.method) == (KICK, "e_apil"))
+    own = next(each for each in data.diagnostics if (each.game, each.method) == (KICK, "e_apil"))
     assert own.facts["steps with r^α + r^ν ≠ 0, per game"] == pytest.approx(0.2)
     assert own.facts["imitator's squared error over the best constant's"] == pytest.approx(1.2)
     assert {"kl", "bound"} <= own.lines.keys()
 
 
-def test_evidence_survives_json(evidence: Evidence) -> None:
-    assert Evidence.model_validate_json(evidence.model_dump_json()) == evidence
+def test_evidence_survives_json(data: ReportData) -> None:
+    assert ReportData.model_validate_json(data.model_dump_json()) == data
 
 
 def _rows(paths: list[Path], name: str) -> Iterator[dict[str, str]]:
     yield from csv.DictReader(next(path for path in paths if path.name == name).open())
 
 
-def test_tables_are_written_in_three_formats(evidence: Evidence, tmp_path: Path) -> None:
-    paths = write_tables(evidence, tmp_path / "tables")
-    first = _table(evidence, 1)
+def test_tables_are_written_as_csv_and_latex(data: ReportData, tmp_path: Path) -> None:
+    paths = write_tables(data, tmp_path / "tables")
+    first = _table(data, 1)
     row = next(
         row
         for row in _rows(paths, f"{first.id}.csv")
@@ -201,16 +199,16 @@ def test_tables_are_written_in_three_formats(evidence: Evidence, tmp_path: Path)
     }
     assert {name: row[name] for name in expected} == expected
     assert (row["steps"], row["verdict"]) == ("1000000", "within noise")
-    markdown = (tmp_path / "tables" / f"{first.id}.md").read_text()
-    assert "**1 M of 35 M = 2.9 % of the published budget.**" in markdown
-    assert "49.0 [46.8, 51.2] (2 seeds, sd 1.4) / 48 ≈" in markdown
     latex = (tmp_path / "tables" / f"{first.id}.tex").read_text()
     assert r"1 M of 35 M = 2.9 \% of the published budget" in latex
     assert latex.count("{") == latex.count("}")
     assert r"e\_apil" in latex
-    report = (tmp_path / "tables" / "report.md").read_text()
-    assert "## Claims of the paper, on these games" in report
-    assert "the disk is full" in report
+    assert r"49.0 {\scriptsize [46.8, 51.2]} (48)$\approx$" in latex
+    assert not list((tmp_path / "tables").glob("*.md"))
+    (missing,) = (row for row in _rows(paths, "unfinished.csv") if row["status"] == "failed")
+    assert missing["reason"] == "the disk is full"
+    crossed = next(row for row in _rows(paths, "crossplay.csv") if row["adversary"] == "e_apil")
+    assert (crossed["victim"], crossed["win_value"]) == ("original", "0.7")
 
 
 def test_a_directory_that_is_nothing_is_named(tmp_path: Path) -> None:

@@ -5,21 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from apil_core.studies.report import cautions, hardened, other_results
+from apil_core.studies.report import other_results, retrained_tables, warnings
 from apil_core.studies.report.ablations import ablations
 from apil_core.studies.report.aggregates import aggregates
 from apil_core.studies.report.attack_tables import attack_tables, columns_of, endings, method_differences
 from apil_core.studies.report.claims import claims
-from apil_core.studies.report.courses import curve_panels, diagnostics
 from apil_core.studies.report.grouping import group
 from apil_core.studies.report.labels import settings
-from apil_core.studies.report.models import Evidence, Setting, Warning
+from apil_core.studies.report.models import ReportData, Warning
 from apil_core.studies.report.provenance import provenance, unfinished
 from apil_core.studies.report.published import published
 from apil_core.studies.report.sources import Sources, read_sources
+from apil_core.studies.report.table_models import Setting
+from apil_core.studies.report.training_curves import curve_panels, diagnostics
 
 
-def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> Evidence:
+def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
     """Read benchmarks and say what they show.
 
     Args:
@@ -34,20 +35,20 @@ def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> Evidence:
     named = settings(groups)
     games, columns = _games(sources), columns_of(sources)
     attacks = attack_tables(sources, groups, named, games, columns)
-    documents = hardened.crossplays(sources)
-    defences, further = hardened.hardened_tables(documents, games, columns, len(named) + 1)
+    documents = retrained_tables.crossplays(sources)
+    defences, further = retrained_tables.retrained_tables(documents, games, columns, len(named) + 1)
     tables, all_settings = [*attacks, *defences], [*named.values(), *further]
     differences = method_differences(tables)
-    courses, panels = diagnostics(groups, named), curve_panels(groups, named, attacks, columns)
+    logged, panels = diagnostics(groups, named), curve_panels(groups, named, attacks, columns)
     ended, missing = endings(attacks), unfinished(sources, groups.unscored)
-    warnings: list[Warning] = [
-        *cautions.setting_warnings(all_settings, tables),
-        *cautions.source_warnings(groups, named, missing, attacks),
-        *cautions.attack_warnings(attacks, differences, panels, all_settings),
-        *cautions.tie_warnings(ended, attacks),
-        *cautions.training_warnings(courses),
+    found: list[Warning] = [
+        *warnings.setting_warnings(all_settings, tables),
+        *warnings.source_warnings(groups, named, missing, attacks),
+        *warnings.attack_warnings(attacks, differences, panels, all_settings),
+        *warnings.tie_warnings(ended, attacks),
+        *warnings.training_warnings(logged),
     ]
-    return Evidence(
+    return ReportData(
         title=_title(sources),
         games=games,
         columns=columns,
@@ -57,14 +58,14 @@ def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> Evidence:
         aggregates=aggregates(attacks),
         curves=panels,
         retraining=other_results.retraining_curves(sources),
-        ablations=ablations(groups, named, courses),
+        ablations=ablations(groups, named, logged),
         endings=ended,
-        crossplay=hardened.matrices(documents),
+        crossplay=[played.document for played in documents],
         activations=other_results.activations(sources),
         snapshots=other_results.snapshots(sources),
-        diagnostics=courses,
+        diagnostics=logged,
         claims=claims(tables, all_settings),
-        warnings=sorted(_placed(warnings, all_settings), key=lambda warning: not warning.loud),
+        warnings=sorted(_placed(found, all_settings), key=lambda warning: not warning.loud),
         unfinished=missing,
         provenance=provenance(sources),
     )

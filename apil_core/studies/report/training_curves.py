@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -11,12 +11,13 @@ from apil_core.studies.curves.curves import Line, read_curve
 from apil_core.studies.curves.groups import CurveGroup, read_groups
 from apil_core.studies.report.attack_tables import BASELINE
 from apil_core.studies.report.grouping import Groups
-from apil_core.studies.report.models import CurveLine, CurvePanel, Diagnostics, Setting, Table
+from apil_core.studies.report.models import CurvePanel, Diagnostics
 from apil_core.studies.report.settings import Key
 from apil_core.studies.report.sources import Run
+from apil_core.studies.report.table_models import Setting, Table
 from apil_core.training.storage.recorders import read_metrics
 
-POINTS = 300
+POINTS = 150
 """Points of a line at most: more cannot be seen, and the page stays small."""
 
 _FACTS = {
@@ -47,9 +48,11 @@ def curve_panels(
             own = [run for run in runs if run.config.env == game and run.path not in drawn]
             own.sort(key=lambda run: (columns.index(run.config.method), run.config.seed))
             drawn.update(run.path for run in own)
-            if lines := list(_lines(own)):
+            readable = [run.dir for run in own if _readable(run)]
+            if readable:
+                lines = [thinned_group(one) for one in read_groups(readable)]
                 panels.append(
-                    CurvePanel(game=game, setting=setting.id, lines=lines, **_level(tables, setting, game))
+                    CurvePanel(game=game, setting=setting.id, groups=lines, **_level(tables, setting, game))
                 )
     return panels
 
@@ -67,33 +70,12 @@ def _runs(groups: Groups, key: Key) -> list[Run]:
     return list({run.path: run for run in [*scored, *(r for k, r in groups.unscored if k == key)]}.values())
 
 
-def _lines(runs: Sequence[Run]) -> Iterator[CurveLine]:
-    """One per method, or more where runs of a method differ in more than the seed."""
-    status = {run.path: run.status for run in runs}
-    readable = [run.dir for run in runs if _readable(run)]
-    for group in read_groups(readable) if readable else []:
-        yield _line(group, all(status[curve.run] == "finished" for curve in group.curves))
-
-
 def _readable(run: Run) -> bool:
     try:
         read_curve(run.dir)
     except ApilError:  # too young for a curve; it is listed as unfinished
         return False
     return True
-
-
-def _line(group: CurveGroup, finished: bool) -> CurveLine:
-    several = len(group.curves) > 1
-    return CurveLine(
-        method=group.curves[0].method,
-        label=group.label,
-        seeds=group.seeds,
-        lines={name: thinned(line) for name, line in group.lines.items()},
-        band="standard deviation over seeds" if several else "Wilson interval of the last 1000 games",
-        scores=[score for curve in group.curves for score in curve.scores],
-        finished=finished,
-    )
 
 
 def _level(tables: Sequence[Table], setting: Setting, game: str) -> dict[str, float]:
@@ -117,6 +99,16 @@ def thinned(line: Line) -> Line:
         return line
     kept = np.unique(np.linspace(0, count - 1, POINTS).round().astype(int)).tolist()
     return Line(**{name: [values[i] for i in kept] if values else [] for name, values in line})
+
+
+def thinned_group(group: CurveGroup) -> CurveGroup:
+    """All its lines :func:`thinned`, those of single runs too."""
+
+    def lines(of: Mapping[str, Line]) -> dict[str, Line]:
+        return {name: thinned(line) for name, line in of.items()}
+
+    curves = [curve.model_copy(update={"lines": lines(curve.lines)}) for curve in group.curves]
+    return CurveGroup(label=group.label, curves=curves, lines=lines(group.lines))
 
 
 def diagnostics(groups: Groups, named: Mapping[Key, Setting]) -> list[Diagnostics]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from apil_core.studies.report.cautions import tie_meaning
-from apil_core.studies.report.models import Endings, Setting
+from apil_core.studies.report.models import Endings
+from apil_core.studies.report.table_models import Setting
+from apil_core.studies.report.warnings import tie_meaning
 from apil_core.studies.report.words import amount, budget_mark
 
 
