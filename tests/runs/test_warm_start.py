@@ -11,7 +11,7 @@ import torch
 from helpers.small_runs import differences, small_config
 
 from apil_core import ConfigError, RunConfig, VictimError, resume, run
-from apil_core.api.types import OWN_GROUP, View
+from apil_core.api.types import OWN_GROUP
 from apil_core.evaluation.progress import Progress
 from apil_core.plugins.registry import default_plugins
 from apil_core.runs.warm_start import load_teacher, warm_start
@@ -54,7 +54,7 @@ def test_the_clone_acts_as_its_teacher(teacher):
     assert trainer.steps == 10 * ITERATION
     assert trainer.iteration == 0
     actor, pending = trainer.attack.learner.actor, trainer.attack.env.pending
-    wanted = policy.act(View(pending.own, pending.opponent, pending.first), sample=False).distribution
+    wanted = policy.act(pending.view, sample=False).distribution
     with torch.no_grad():
         found = actor(pending.observations)
     assert torch.allclose(found.std.expand_as(wanted.std), wanted.std, atol=1e-6)
