@@ -1,4 +1,4 @@
-"""Who may import whom (docs/architecture.md): read from the source, so that no lazy import escapes."""
+"""Import rules (docs/architecture.md), read from the source, so that lazy imports count."""
 
 from __future__ import annotations
 
