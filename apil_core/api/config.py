@@ -70,7 +70,7 @@ class RewardConfig(Section):
 class PPOConfig(Section):
     """The learner every method shares (docs/methods.md §3)."""
 
-    num_steps: Annotated[int, Field(gt=0)] = 128
+    num_steps: Annotated[int, Field(gt=0, le=2**20)] = 128
     """Steps per game in one rollout; the batch is num_envs × num_steps (paper: 8 × 2048)."""
     epochs: Annotated[int, Field(gt=0)] = 4
     """Passes over each rollout."""

@@ -75,9 +75,10 @@ def run(
     if here.is_main:
         for _, directory in jobs:
             _refuse_existing(directory)
-
     if dry_run:
-        return _say_budget(config, plugins, jobs[0][1] or Path("runs"), len(jobs), as_json=as_json)
+        if here.is_main:
+            _say_budget(config, plugins, jobs[0][1] or Path("runs"), len(jobs), as_json=as_json)
+        return 0
     from apil_core.runs import runner
     from apil_core.training.distributed.join import joined
 
@@ -99,28 +100,31 @@ def run(
     return exit_code(result, here)
 
 
-def _say_budget(config: RunConfig, plugins: PluginRegistry, place: Path, seeds: int, *, as_json: bool) -> int:
+def _say_budget(
+    config: RunConfig, plugins: PluginRegistry, place: Path, seeds: int, *, as_json: bool
+) -> None:
+    """Print what one run is made of and costs, and how long all seeds take."""
     from apil_core.runs import dry_run
 
     found = dry_run.dry_run(config, plugins, place)
     if as_json:
         print_json(found)
-        return 0
+        return
     hours = seeds * (found.training_hours + found.scoring_hours)
     lines = [
         f"{found.method} on {found.env}, device {found.device}: everything fits, nothing was written",
         f"victim     {found.victim} (sha256 {found.victim_sha256[:12]}), the {found.victim_side}",
         f"adversary  the {found.adversary_side}, {found.parameters:,} parameters, critics included",
-        f"training   {found.steps:,} steps in {found.iterations:,} iterations: {found.training_hours:.2g} h "
-        f"at {found.steps_per_second:,.0f} steps/s, measured now",
-        f"scoring    {found.games:,} games, {found.evaluations} times on the way and at the end: "
-        f"about {found.scoring_hours:.2g} h",
+        f"training   {found.steps:,} steps at {found.steps_per_second:,.0f} a second, measured now: "
+        f"{found.training_hours:.2g} h; iterations: {found.iterations:,}",
+        f"scoring    {found.games:,} games: about {found.scoring_hours:.2g} h; evaluations on the way: "
+        f"{found.evaluations}",
         f"disk       about {found.disk_mb:,.0f} MB ({found.disk_free_mb:,.0f} MB free)",
-        f"in all     about {hours:.2g} h" + (f" for {seeds} seeds" if seeds > 1 else ""),
+        f"in all     about {hours:.2g} h, {seeds * found.disk_mb:,.0f} MB"
+        + (f" for {seeds} seeds" if seeds > 1 else ""),
     ]
     for line in lines:
         console().print(line, markup=False)
-    return 0
 
 
 def _jobs(

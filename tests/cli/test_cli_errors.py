@@ -24,6 +24,7 @@ WRONG = {
     ("eval", "nowhere", "--episodes", "99.5"): "Invalid value for --episodes: '99.5' is not a whole number",
     ("analyze", "activations", "nowhere", "--seed", ".5"): "Invalid value for --seed: '.5' is not a whole",
     ("run", "--num-envs", "1000000000"): "--num-envs 1000000000: should be less than or equal to",
+    ("run", *TINY, "--set", "ppo.num_steps=1000000000"): "should be less than or equal to 1048576",
     ("run", *TINY, "--set", "ppo.hidden=[]"): "--set ppo.hidden=[]: tuple should have at least 1 item",
     ("run", *TINY, "--set", "ppo.hidden=[0]"): "--set ppo.hidden=[0]: ppo.hidden.0: should be greater than 0",
     ("run", *TINY, "--set", "ppo.hidden=[64, -1]"): "ppo.hidden.1: should be greater than 0, got -1",

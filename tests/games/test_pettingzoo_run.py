@@ -145,7 +145,7 @@ def test_no_worker_outlives_its_run(tmp_path: Path, number: signal.Signals) -> N
     """Ctrl-C goes to the workers too, which must not stop before the iteration is over."""
     (tmp_path / "config.yaml").write_text(dump_yaml(short(steps=1_000_000)))
     marker = str(tmp_path / "r")
-    command = ["run", "--config", str(tmp_path / "config.yaml"), "--out", marker, "--quiet"]
+    command = ["run", "--config", str(tmp_path / "config.yaml"), "--out", marker, "--quiet", "--trust"]
     process = subprocess.Popen(
         [sys.executable, "-m", "apil_core.cli", *command],
         env={**os.environ, "PYTHONPATH": str(ROOT / "tests")},

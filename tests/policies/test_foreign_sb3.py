@@ -15,8 +15,20 @@ import torch
 from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete
 from helpers.small_runs import small_config
 
-from apil_core import OpponentInsideEnv, RunConfig, VictimError, View, evaluate, load_policy, resume, run
+from apil_core import (
+    OpponentInsideEnv,
+    RunConfig,
+    VictimError,
+    View,
+    evaluate,
+    load_policy,
+    make_game,
+    resume,
+    run,
+)
+from apil_core.plugins.registry import default_plugins
 from apil_core.policies.conformance import check_policy
+from apil_core.policies.seats import load_victim
 from apil_core.training.storage.run_dir import RunDir
 from policies.foreign_files import seat, view
 
@@ -267,6 +279,19 @@ def test_a_zip_without_weights(tmp_path: Path) -> None:
         VictimError, match=r"expected a zip of Stable-Baselines3 .* a zip without 'policy\.pth'"
     ):
         load_policy(f"sb3:{tmp_path}/agent.zip")
+
+
+@pytest.mark.parametrize("algorithm", ["PPO", "DQN"])
+def test_who_learnt_to_choose_in_the_view_takes_that_seat(tmp_path: Path, algorithm: str) -> None:
+    game = make_game("pettingzoo:games.odd_envs:Race", num_envs=1)
+    env = OpponentInsideEnv(game, load_policy("baseline:random/5x2"))
+    small: dict[str, Any] = {"n_steps": 16, "batch_size": 16} if algorithm == "PPO" else {"buffer_size": 99}
+    model = getattr(sb3, algorithm)("MlpPolicy", env, device="cpu", seed=0, **small)
+    model.learn(64).save(tmp_path / "hare.zip")
+    policy = load_victim(f"sb3:{tmp_path}/hare.zip", game, 1, "cpu", default_plugins())
+    own = torch.randn(50, 4)
+    chosen = policy.act(View(own, torch.zeros(50, 5), torch.ones(50, dtype=torch.bool)), sample=False).action
+    assert torch.equal(chosen.argmax(1), torch.from_numpy(model.predict(own.numpy(), deterministic=True)[0]))
 
 
 # --- show 3
