@@ -44,7 +44,7 @@ class SideLayout:
     action_low: float
     action_high: float
     blocks: dict[str, slice] = field(default_factory=dict)
-    opponent_channels: tuple[int, ...] = ()
+    opponent_channels: tuple[int, ...] = field(default=(), compare=False)  # says nothing of who fits the seat
 
     @property
     def action_limit(self) -> float:

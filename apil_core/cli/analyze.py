@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Group, Parameter
 
 from apil_core.cli.app import sub_app
-from apil_core.cli.crossplay import WHERE, Actions, GameSets, Physics, names
-from apil_core.cli.flags import Json, Plugins, Quiet
+from apil_core.cli.crossplay import WHERE, names
+from apil_core.cli.flags import Flags, Json, PairingFlags, Quiet, flags_of
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
 from apil_core.common.errors import ConfigError
+from apil_core.evaluation.options import PairingOptions
+from apil_core.studies.activations.options import Sampling
 
 if TYPE_CHECKING:
-    from apil_core.evaluation.crossplay.players import SharedOptions
     from apil_core.studies.activations.models import ActivationMap, LogLikelihood
 
 app = sub_app("analyze", "Look inside: the victim's activations against each opponent.")
@@ -25,6 +26,29 @@ DOCUMENT, PICTURE = "activations.json", "activations.png"
 
 _WHO = Group("Who plays", sort_key=0)
 _HOW = Group("How much, and how", sort_key=2)
+
+
+@flags_of(
+    PairingOptions,
+    {
+        _WHO: ("victim",),
+        WHERE: ("env", "physics", "adversary_actions", "victim_actions", "sets"),
+        _HOW: ("seed", "num_envs", "threads"),
+        None: ("plugin_files",),
+    },
+    {
+        "victim": "Whose activations [default: the runs' victim, else the game's].",
+        "env": "Game; needed if no opponent is a run.",
+        "sets": "One option of the game (game.KEY); repeatable.",
+    },
+)
+class OpponentFlags(PairingFlags):
+    """Whose activations, and in which game."""
+
+
+@flags_of(Sampling, {_HOW: tuple(Sampling.model_fields)})
+class SamplingFlags(Flags):
+    """How much is played and looked at."""
 
 
 def activations(
@@ -36,10 +60,7 @@ def activations(
             help="Run directories or policies (zoo:GAME/SIDE/v1, …), random, zero.",
         ),
     ],
-    victim: Annotated[
-        str | None,
-        Parameter(group=_WHO, help="Whose activations [default: the runs' victim, else the game's]."),
-    ] = None,
+    flags: OpponentFlags | None = None,
     baseline: Annotated[
         str | None, Parameter(group=_WHO, help="Opponent of normal play [default: the game's own].")
     ] = None,
@@ -47,44 +68,13 @@ def activations(
         list[str] | None,
         names("What opponents are called [default: methods, policy names].", group=_WHO, metavar="LABEL,…"),
     ] = None,
-    env: Annotated[
-        str | None, Parameter(alias="-e", group=WHERE, help="Game; needed if no opponent is a run.")
-    ] = None,
-    physics: Physics = None,
-    adversary_actions: Actions = None,
-    victim_actions: Actions = None,
-    sets: GameSets = None,
-    games: Annotated[
-        int, Parameter(group=_HOW, help="Games against each; normal play gets as many more to fit on.")
-    ] = 100,
-    steps: Annotated[
-        int, Parameter(group=_HOW, help="Steps of each game in the likelihoods, at most.")
-    ] = 100,
-    points: Annotated[int, Parameter(group=_HOW, help="Points of each opponent in the t-SNE, about.")] = 500,
-    perplexity: Annotated[
-        float, Parameter(group=_HOW, help="Of the t-SNE: about how many neighbours a point keeps near it.")
-    ] = 50.0,
-    components: Annotated[
-        int | None, Parameter(group=_HOW, help="Components of the Gaussian mixture [default: by BIC].")
-    ] = None,
-    variance: Annotated[
-        float, Parameter(group=_HOW, help="Share of normal play's variance that the mixture sees.")
-    ] = 0.99,
-    seed: Annotated[int, Parameter(group=_HOW, help="Seed of the games and of all draws.")] = 0,
-    num_envs: Annotated[
-        int | None,
-        Parameter(group=_HOW, help="Games in parallel; a seed's games depend on it [default: up to 128]."),
-    ] = None,
-    threads: Annotated[
-        int, Parameter(group=_HOW, help="Physics threads; 0: all CPUs. Never changes results.")
-    ] = 0,
+    sampling: SamplingFlags | None = None,
     out: Annotated[
         Path | None,
         Parameter(help=f"JSON file, or a directory for {DOCUMENT} and {PICTURE}."),
     ] = None,
     picture: Annotated[Path | None, Parameter(help="Picture to draw: .png, .svg or .pdf.")] = None,
     force: Annotated[bool, Parameter(show_default=False, help="Replace those files if they exist.")] = False,
-    plugin: Plugins | None = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
@@ -94,30 +84,20 @@ def activations(
     adversary (Gleave et al. 2020). Intervals are over games; normal play is scored on games of its own.
     """
     from apil_core.runs.labels import labelled
-    from apil_core.studies.activations.analysis import Sampling, analyze
+    from apil_core.studies.activations.analysis import analyze
     from apil_core.studies.activations.picture import draw_activations
 
     out, picture = _places(out, picture, force)
-    options: SharedOptions = {
-        "env": env,
-        "physics": physics,
-        "adversary_actions": adversary_actions,
-        "victim_actions": victim_actions,
-        "sets": sets or [],
-        "plugin_files": [str(path) for path in plugin or ()],
-        "threads": threads,
-    }
+    options = (flags or OpponentFlags()).options(PairingOptions)
     with make_progress(quiet=quiet) as progress:
         found = analyze(
-            labelled(opponents, labels, env, side="adversary"),
-            victim=victim,
+            labelled(opponents, labels, options.env, side="adversary"),
+            PairingOptions.of(options, victim=None),
+            victim=options.victim,
             baseline=baseline,
-            sampling=Sampling(games, steps, points, perplexity, components, variance),
-            seed=seed,
-            num_envs=num_envs,
+            sampling=Sampling(**(sampling or SamplingFlags()).given()),
             command=["apil", *sys.argv[1:]],
             progress=progress,
-            **options,
         )
     if out is not None:
         found.write(out)
@@ -161,7 +141,7 @@ def _print(found: ActivationMap, out: Path | None, picture: Path | None) -> None
     screen.print(title, style="bold", markup=False)
     rows = table("opponent", "games>", "log-likelihood, nats>", "to baseline>", "", "seen>")
     for label, each in zip(found.opponents, found.log_likelihood, strict=True):
-        interval = f"{each.mean:.1f} [{each.low:.1f}, {each.high:.1f}]".replace("[", r"\[")
+        interval = f"{each.mean:.1f} [{each.low:.1f}, {each.high:.1f}]"
         rows.add_row(label, str(each.n), interval, *_gap(each), f"{100 * each.explained:.1f} %")
     screen.print(rows)
     for line in _facts(found):
@@ -175,7 +155,7 @@ def _gap(each: LogLikelihood) -> tuple[str, str]:
     gap = each.to_baseline
     if gap is None:
         return "–", ""
-    text = f"{gap.value:+.1f} [{gap.low:.1f}, {gap.high:.1f}]".replace("[", r"\[")
+    text = f"{gap.value:+.1f} [{gap.low:.1f}, {gap.high:.1f}]"
     return text, "within noise" if gap.within_noise else ""
 
 

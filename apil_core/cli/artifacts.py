@@ -68,8 +68,6 @@ def _attempt(made: RunArtifacts, lack: str, make: Callable[[], Made]) -> Made | 
 
 
 def _own_opponent(run: RunDir, progress: Progress) -> EvaluationResult | None:
-    from apil_core.evaluation.pairing import as_in_run
-    from apil_core.evaluation.results import observers_played
     from apil_core.evaluation.score import evaluate
     from apil_core.plugins.default_victim import default_baseline
     from apil_core.plugins.discovery import discover
@@ -80,14 +78,17 @@ def _own_opponent(run: RunDir, progress: Progress) -> EvaluationResult | None:
     name = default_baseline(spec, plugins)
     if not name or config.victim_side not in (None, spec.victim_side):  # it plays in one seat only
         return None
-    options = as_in_run(config, plugins)
-    options |= {
-        "observers": observers_played(config),
-        "threads": config.threads,
-        "device": config.device,
-    }
-    episodes = config.evaluation.episodes
-    return evaluate(name, episodes=episodes, seed=config.seed, progress=progress, **options)
+    return evaluate(
+        name,
+        like=config,
+        plugins=plugins,
+        trust=config.trust,
+        episodes=config.evaluation.episodes,
+        seed=config.seed,
+        threads=config.threads,
+        device=config.device,
+        progress=progress,
+    )
 
 
 def _unseen(run: RunDir, progress: Progress) -> EvaluationResult:

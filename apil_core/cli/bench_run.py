@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Collection
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -19,11 +20,71 @@ from apil_core.studies.bench.matrix import NAMES_WITHOUT_BUDGET, matrix_names
 
 if TYPE_CHECKING:
     from apil_core.studies.bench.cells import Benchmark
+    from apil_core.studies.bench.estimate import Estimate
     from apil_core.studies.bench.executor import Executor
-    from apil_core.studies.bench.schedule import Course
+    from apil_core.studies.bench.folder import BenchDir
+    from apil_core.studies.bench.jobs import Job, JobStatus
+    from apil_core.studies.bench.schedule import BenchResult
 
 _WHERE = Group("Where it runs", sort_key=1)
 _ROOT = Path("runs") / "bench"
+
+
+@Parameter(name="*")
+@dataclass
+class Placement:
+    """Where jobs run, and how many at a time."""
+
+    workers: Annotated[
+        int | None, Parameter(group=_WHERE, help="Jobs at the same time [default: one per CPU].")
+    ] = None
+    threads: Annotated[
+        int | None,
+        Parameter(
+            group=_WHERE, help="Physics threads of each; never changes results [default: CPUs / workers]."
+        ),
+    ] = None
+    executor: Annotated[
+        Literal["local", "ray"],
+        Parameter(group=_WHERE, help="local: processes on this machine; ray: a cluster."),
+    ] = "local"
+    address: Annotated[
+        str | None,
+        Parameter(
+            group=_WHERE, help="The Ray cluster, e.g. auto or ray-head:6379 [default: a new one here]."
+        ),
+    ] = None
+
+    def share(self) -> tuple[int, int]:
+        """Jobs at a time, and threads for each: as many threads together as there are CPUs.
+
+        How many CPUs a cluster has is known to Ray alone: each job gets one there, and 0 workers stand for
+        as many as fit.
+
+        Raises:
+            ConfigError: a number below 1.
+        """
+        for name, value in (("--workers", self.workers), ("--threads", self.threads)):
+            if value is not None and value < 1:
+                raise ConfigError(f"{name} must be at least 1, got {value}")
+        if self.executor == "ray":
+            return self.workers or 0, self.threads or 1
+        cpus = os.cpu_count() or 1
+        count = self.workers or cpus
+        return count, self.threads or max(cpus // count, 1)
+
+    def start(self, root: Path) -> Executor:
+        """Processes for the jobs of the benchmark in ``root``."""
+        workers, threads = self.share()
+        if self.executor == "ray":
+            from apil_core.studies.bench.ray_executor import RayExecutor
+
+            return RayExecutor(root, workers or None, threads, self.address)
+        if self.address is not None:
+            raise ConfigError("--address is a Ray cluster's: add --executor ray")
+        from apil_core.studies.bench.executor import LocalProcesses
+
+        return LocalProcesses(root, workers, threads)
 
 
 def run(
@@ -52,25 +113,7 @@ def run(
             show_default=False, help="Only print the cells, and how long they will take as measured here."
         ),
     ] = False,
-    workers: Annotated[
-        int | None, Parameter(group=_WHERE, help="Jobs at the same time [default: one per CPU].")
-    ] = None,
-    threads: Annotated[
-        int | None,
-        Parameter(
-            group=_WHERE, help="Physics threads of each; never changes results [default: CPUs / workers]."
-        ),
-    ] = None,
-    executor: Annotated[
-        Literal["local", "ray"],
-        Parameter(group=_WHERE, help="local: processes on this machine; ray: a cluster."),
-    ] = "local",
-    address: Annotated[
-        str | None,
-        Parameter(
-            group=_WHERE, help="The Ray cluster, e.g. auto or ray-head:6379 [default: a new one here]."
-        ),
-    ] = None,
+    where: Placement | None = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> int:
@@ -80,20 +123,51 @@ def run(
     cells are kept, half ones resume to the bit. A cell that fails is reported and does not stop the others.
     Cells start seed by seed, in each method by method, in each game by game, as the matrix lists them.
     """
-    from apil_core.cli.bench_table import make_watch, print_course, print_plan
+    from apil_core.cli.bench_table import make_watch, print_plan, print_result
+    from apil_core.studies.bench.jobs import JobStatus, make_jobs
+    from apil_core.studies.bench.schedule import run_jobs
+
+    where = where or Placement()
+    bench, benchmark = _benchmark(matrix, out, steps)
+    workers, threads = where.share()
+    jobs, status = make_jobs(benchmark), JobStatus(bench, benchmark)
+    if dry_run:
+        cost = _estimate(benchmark, jobs, status, threads, quiet)
+        print_plan(benchmark, jobs, status, cost, workers, as_json=as_json)
+        return 0
+    with bench.lock():
+        bench.write_matrix(benchmark.matrix)
+        begin = time.perf_counter()
+        with (
+            closing(make_watch(jobs, status, quiet=quiet)) as watch,
+            closing(where.start(bench.path)) as executor,
+        ):
+            result = run_jobs(jobs, status, executor, watch)
+    print_result(result, status, time.perf_counter() - begin, as_json=as_json)
+    return _exit_code(result, bench.path)
+
+
+def _estimate(
+    benchmark: Benchmark, jobs: list[Job], status: JobStatus, threads: int, quiet: bool
+) -> Estimate:
+    from apil_core.studies.bench.estimate import estimate
+
+    with make_progress(quiet=quiet) as progress:
+        return estimate(benchmark, status, threads=threads, jobs=jobs, note=progress.note)
+
+
+def _benchmark(matrix: str, out: Path | None, steps: int | None) -> tuple[BenchDir, Benchmark]:
+    """The directory, and what is to be run in it, all players checked."""
     from apil_core.studies.bench.cells import resolve_matrix
     from apil_core.studies.bench.folder import BenchDir
-    from apil_core.studies.bench.jobs import Ledger, make_jobs
     from apil_core.studies.bench.players import with_full_names
-    from apil_core.studies.bench.schedule import run_jobs
 
     source, directory = _source(matrix, out)
     if steps is not None:
         if len(source.steps) > 1:
             raise ConfigError(f"--steps stands for one budget, {matrix} has several: change them there")
         source = source.model_copy(update={"steps": (steps,)})
-    benchmark = resolve_matrix(source, matrix)
-    bench = BenchDir(directory)
+    bench, benchmark = BenchDir(directory), resolve_matrix(source, matrix)
     named = [game for game, victims in source.victims.items() if "auto" not in victims]
     benchmark = _same_as_stored(bench, with_full_names(benchmark, matrix), named)
     if steps is not None and benchmark.matrix.version < NAMES_WITHOUT_BUDGET:
@@ -101,26 +175,7 @@ def run(
             f"{directory} was begun by an older version, with the budget in its cells' names, which cannot "
             "be raised: leave --steps out to go on, or choose another --out"
         )
-    at_once, each = _share(workers, threads, executor)
-    jobs = make_jobs(benchmark)
-    ledger = Ledger(bench, benchmark)
-    if dry_run:
-        from apil_core.studies.bench.estimate import estimate
-
-        with make_progress(quiet=quiet) as progress:
-            cost = estimate(benchmark, ledger, threads=each, jobs=jobs, note=progress.note)
-        print_plan(benchmark, jobs, ledger, cost, at_once, as_json=as_json)
-        return 0
-    with bench.lock():
-        bench.write_matrix(benchmark.matrix)
-        begin = time.perf_counter()
-        with (
-            closing(make_watch(jobs, ledger, quiet=quiet)) as watch,
-            closing(_executor(executor, directory, at_once, each, address)) as running,
-        ):
-            course = run_jobs(jobs, ledger, running, watch)
-    print_course(course, ledger, time.perf_counter() - begin, as_json=as_json)
-    return _exit_code(course, directory)
+    return bench, benchmark
 
 
 def _source(name: str, out: Path | None) -> tuple[Any, Path]:
@@ -136,7 +191,7 @@ def _source(name: str, out: Path | None) -> tuple[Any, Path]:
     return matrix, out or _ROOT / (Path(name).stem if name.endswith((".yaml", ".yml")) else Path(name).name)
 
 
-def _same_as_stored(bench: Any, benchmark: Benchmark, named: Collection[str] = ()) -> Benchmark:
+def _same_as_stored(bench: BenchDir, benchmark: Benchmark, named: Collection[str] = ()) -> Benchmark:
     """The benchmark with the victims its directory has pinned.
 
     Args:
@@ -190,41 +245,13 @@ def _occupied(path: Path) -> bool:
     return any(entry.name != ".lock" for entry in path.iterdir())
 
 
-def _share(workers: int | None, threads: int | None, executor: str) -> tuple[int, int]:
-    """Jobs at a time, and threads for each: as many threads together as there are CPUs.
-
-    How many CPUs a cluster has is known to Ray alone: each job gets one there, and 0 workers stand for
-    as many as fit.
-    """
-    for name, value in (("--workers", workers), ("--threads", threads)):
-        if value is not None and value < 1:
-            raise ConfigError(f"{name} must be at least 1, got {value}")
-    if executor == "ray":
-        return workers or 0, threads or 1
-    cpus = os.cpu_count() or 1
-    count = workers or cpus
-    return count, threads or max(cpus // count, 1)
-
-
-def _executor(kind: str, root: Path, workers: int, threads: int, address: str | None) -> Executor:
-    if kind == "ray":
-        from apil_core.studies.bench.ray_executor import RayExecutor
-
-        return RayExecutor(root, workers or None, threads, address)
-    if address is not None:
-        raise ConfigError("--address is a Ray cluster's: add --executor ray")
-    from apil_core.studies.bench.executor import LocalProcesses
-
-    return LocalProcesses(root, workers, threads)
-
-
-def _exit_code(course: Course, directory: Path) -> int:
-    if course.interrupted:
+def _exit_code(result: BenchResult, directory: Path) -> int:
+    if result.interrupted:
         return complain(f"interrupted; go on with: apil bench run {directory}", INTERRUPTED)
-    failed = course.having("failed")
+    failed = result.having("failed")
     if failed:
         return complain(
-            f"{len(failed)} of {len(course.states)} jobs failed; try them again: apil bench run {directory}",
+            f"{len(failed)} of {len(result.states)} jobs failed; try them again: apil bench run {directory}",
             1,
         )
     return 0

@@ -14,8 +14,8 @@ from rich.table import Table
 
 from apil_core.cli.output import console, print_json, say, table
 from apil_core.cli.readout import duration, outcomes
-from apil_core.studies.bench.jobs import CELL, RETRAINING, Job, Ledger
-from apil_core.studies.bench.schedule import Course, State, Watch, jobs_done
+from apil_core.studies.bench.jobs import CELL, RETRAINING, Job, JobStatus
+from apil_core.studies.bench.schedule import BenchResult, State, Watch, jobs_done
 from apil_core.training.storage.run_dir import RunDir
 
 if TYPE_CHECKING:
@@ -41,11 +41,11 @@ class QuietWatch(Watch):
 class LineWatch(QuietWatch):
     """A line for each job's end, on stderr."""
 
-    def __init__(self, jobs: Sequence[Job], ledger: Ledger):
+    def __init__(self, jobs: Sequence[Job], status: JobStatus):
         self._total = len(jobs)
         self._ended = 0
-        kept = len(jobs_done(jobs, ledger))
-        say(f"{self._total} jobs in {ledger.bench.path}, {kept} of them done before")
+        kept = len(jobs_done(jobs, status))
+        say(f"{self._total} jobs in {status.bench.path}, {kept} of them done before")
         self._kept = kept
 
     def ended(self, job: Job, state: State, reason: str) -> None:
@@ -63,9 +63,9 @@ class LineWatch(QuietWatch):
 class TableWatch(QuietWatch):
     """A live table: what runs now, row by row, and how many wait, are done or have failed."""
 
-    def __init__(self, jobs: Sequence[Job], ledger: Ledger):
+    def __init__(self, jobs: Sequence[Job], status: JobStatus):
         self._jobs = {job.name: job for job in jobs}
-        self._ledger = ledger
+        self._status = status
         self._live = Live(console=console(stderr=True), refresh_per_second=2, transient=True)
         self._next = 0.0
         self._live.start()
@@ -100,7 +100,7 @@ class TableWatch(QuietWatch):
         return shown
 
     def _progress(self, job: Job) -> list[str]:
-        metrics = _metrics(self._ledger, job)
+        metrics = _metrics(self._status, job)
         steps, speed = int(metrics.get("steps", 0)), metrics.get("steps_per_second", 0.0)
         if not job.steps or not steps:
             return [""] * 5
@@ -114,27 +114,33 @@ class TableWatch(QuietWatch):
         ]
 
 
-def make_watch(jobs: Sequence[Job], ledger: Ledger, *, quiet: bool) -> QuietWatch:
+def make_watch(jobs: Sequence[Job], status: JobStatus, *, quiet: bool) -> QuietWatch:
     """The watch that fits ``--quiet`` and the terminal."""
     if quiet:
         return QuietWatch()
-    return TableWatch(jobs, ledger) if sys.stderr.isatty() else LineWatch(jobs, ledger)
+    return TableWatch(jobs, status) if sys.stderr.isatty() else LineWatch(jobs, status)
 
 
-def _metrics(ledger: Ledger, job: Job) -> dict[str, Any]:
+def _metrics(status: JobStatus, job: Job) -> dict[str, Any]:
     with suppress(FileNotFoundError):  # one killed before its first checkpoint is just begun anew
         if job.kind == CELL:
-            return ledger.bench.cell(job.subject).last_metrics()
+            return status.bench.cell(job.subject).last_metrics()
         if job.kind == RETRAINING:
-            return RunDir(ledger.bench.retrained_dir(job.subject)).last_metrics()
+            return RunDir(status.bench.retrained_dir(job.subject)).last_metrics()
     return {}
 
 
 def print_plan(
-    benchmark: Benchmark, jobs: Sequence[Job], ledger: Ledger, cost: Estimate, workers: int, *, as_json: bool
+    benchmark: Benchmark,
+    jobs: Sequence[Job],
+    status: JobStatus,
+    cost: Estimate,
+    workers: int,
+    *,
+    as_json: bool,
 ) -> None:
     """The cells of a matrix and what they will cost."""
-    states = {cell.name: _state(ledger, cell) for cell in benchmark.cells}
+    states = {cell.name: _state(status, cell) for cell in benchmark.cells}
     others = Counter(job.kind for job in jobs if job.kind != CELL)
     if as_json:
         cells = [
@@ -179,25 +185,25 @@ def print_plan(
     )
 
 
-def _state(ledger: Ledger, cell: Cell) -> str:
-    if ledger.trained(cell):
-        return "scoring left" if ledger.missing_scores(cell) else "done"
-    return "begun" if ledger.bench.cell(cell.name).checkpoints() else "new"
+def _state(status: JobStatus, cell: Cell) -> str:
+    if status.trained(cell):
+        return "scoring left" if status.missing_scores(cell) else "done"
+    return "begun" if status.bench.cell(cell.name).checkpoints() else "new"
 
 
-def print_course(course: Course, ledger: Ledger, seconds: float, *, as_json: bool) -> None:
+def print_result(result: BenchResult, status: JobStatus, seconds: float, *, as_json: bool) -> None:
     """How it ended: counts, every failure with its reason, and the next command."""
-    bench = ledger.bench
-    failures = {name: bench.failure(name) for name in course.having("failed")}
-    counts = Counter(course.states.values())
+    bench = status.bench
+    failures = {name: bench.failure(name) for name in result.having("failed")}
+    counts = Counter(result.states.values())
     if as_json:
         print_json(
             {
                 "directory": str(bench.path),
-                "jobs": course.states,
-                "kept": course.kept,
+                "jobs": result.states,
+                "kept": result.kept,
                 "failures": failures,
-                "interrupted": course.interrupted,
+                "interrupted": result.interrupted,
                 "wall_seconds": seconds,
             }
         )
@@ -209,6 +215,6 @@ def print_course(course: Course, ledger: Ledger, seconds: float, *, as_json: boo
             shown.add_row(name, reason)
         screen.print(shown)
     summary = ", ".join(f"{count} {state}" for state, count in counts.items())
-    screen.print(f"{summary} ({len(course.kept)} were done before) in {duration(seconds)}", markup=False)
-    if not course.interrupted:
+    screen.print(f"{summary} ({len(result.kept)} were done before) in {duration(seconds)}", markup=False)
+    if not result.interrupted:
         screen.print(f"report: apil bench report {bench.path}", markup=False)

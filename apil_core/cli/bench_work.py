@@ -25,7 +25,7 @@ def work(
     ] = False,
 ) -> int:
     """Do what is left of one job of a benchmark."""
-    from apil_core.cli.plain import PlainProgress
+    from apil_core.cli.progress import PlainProgress
     from apil_core.studies.bench.work import perform
 
     if supervised:

@@ -8,40 +8,35 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Group, Parameter
 
-from apil_core.api.config import ActionMode
-from apil_core.api.profiles import Profile
-from apil_core.cli.flags import PHYSICS_HELP, Json, Plugins, Quiet
-from apil_core.cli.output import print_json
+from apil_core.cli.flags import Json, PairingFlags, Quiet, flags_of
+from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
+from apil_core.cli.readout import percent, physics
+from apil_core.evaluation.options import PairingOptions
 
 if TYPE_CHECKING:
     from apil_core.evaluation.crossplay.document import CrossPlay
-    from apil_core.evaluation.crossplay.players import SharedOptions
-from typing import TYPE_CHECKING
-
-from apil_core.cli.output import console, table
-from apil_core.cli.readout import percent, physics
 
 _UP, _LEFT = "≈↑", "≈←"
-
 
 _WHO = Group("Who plays", sort_key=0)
 WHERE = Group("In which game; the same one for all", sort_key=1)
 
-Physics = Annotated[
-    Profile | None,
-    Parameter(group=WHERE, help=f"Physics profile; {PHYSICS_HELP} [default: the runs', else faithful]."),
-]
-Actions = Annotated[
-    ActionMode | None,
-    Parameter(group=WHERE, help="Draw actions, or take the mode [default: as configured]."),
-]
-GameSets = Annotated[
-    list[str] | None,
-    Parameter(
-        name="--set", group=WHERE, metavar="game.KEY=VALUE", help="One option of the game; repeatable."
-    ),
-]
+
+@flags_of(
+    PairingOptions,
+    {
+        WHERE: ("env", "physics", "adversary_actions", "victim_actions", "sets"),
+        None: ("seed", "num_envs", "threads", "plugin_files"),
+    },
+    {
+        "env": "Game; needed if no adversary is a run.",
+        "sets": "One option of the game (game.KEY); repeatable.",
+        "seed": "Seed of the games and of all draws, the same for each pairing. [default: 0]",
+    },
+)
+class CrossPlayFlags(PairingFlags):
+    """The game of all pairings."""
 
 
 def listed(_: Any, tokens: Any) -> list[str]:
@@ -57,41 +52,27 @@ def names(text: str, **options: Any) -> Parameter:
     return Parameter(help=text, converter=listed, negative=(), **options)
 
 
+def _players(text: str, metavar: str) -> Parameter:
+    return names(text, group=_WHO, metavar=metavar)
+
+
 def crossplay(
     *,
     adversaries: Annotated[
         list[str],
-        names(
-            "Run directories or policies (zoo:GAME/SIDE/v1, …), random, zero.", group=_WHO, metavar="NAME,…"
-        ),
+        _players("Run directories or policies (zoo:GAME/SIDE/v1, …), random, zero.", "NAME,…"),
     ],
     victims: Annotated[
-        list[str],
-        names("Policies or directories, named likewise; auto: the game's.", group=_WHO, metavar="NAME,…"),
+        list[str], _players("Policies or directories, named likewise; auto: the game's.", "NAME,…")
     ],
     labels: Annotated[
-        list[str] | None,
-        names("What rows are called [default: methods, policy names].", group=_WHO, metavar="LABEL,…"),
+        list[str] | None, _players("What rows are called [default: methods, policy names].", "LABEL,…")
     ] = None,
     victim_labels: Annotated[
-        list[str] | None,
-        names("What columns are called [default: original, names].", group=_WHO, metavar="LABEL,…"),
+        list[str] | None, _players("What columns are called [default: original, names].", "LABEL,…")
     ] = None,
-    env: Annotated[
-        str | None, Parameter(alias="-e", group=WHERE, help="Game; needed if no adversary is a run.")
-    ] = None,
-    physics: Physics = None,
-    adversary_actions: Actions = None,
-    victim_actions: Actions = None,
-    sets: GameSets = None,
+    flags: CrossPlayFlags | None = None,
     episodes: Annotated[int, Parameter(help="Games of each pairing; 300 give ± 6 points at 50 %.")] = 300,
-    seed: Annotated[
-        int, Parameter(help="Seed of the games and of all draws, the same for each pairing.")
-    ] = 0,
-    num_envs: Annotated[
-        int | None, Parameter(help="Games in parallel; a seed's games depend on it [default: up to 128].")
-    ] = None,
-    threads: Annotated[int, Parameter(help="Physics threads; 0: all CPUs. Never changes results.")] = 0,
     out: Annotated[
         Path | None,
         Parameter(help="Keep the scores in this JSON file, and play only pairings that are not yet in it."),
@@ -99,54 +80,48 @@ def crossplay(
     picture: Annotated[
         Path | None, Parameter(help="Draw a heat map: .png, .svg or .pdf; replaced if it exists.")
     ] = None,
-    plugin: Plugins | None = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
     """Score every adversary against every victim, with Wilson 95 % intervals.
 
-    Everybody is loaded and checked before the first game. With --out, the same command continues where it
+    All players are loaded and checked before the first game. With --out, the same command continues where it
     was stopped, also with players added; a file that was made with other settings is refused.
     """
     from apil_core.common.charts import check_picture
     from apil_core.common.files import check_place
     from apil_core.evaluation.crossplay.crossplay import crossplay as play
-    from apil_core.evaluation.crossplay.document import comparisons
     from apil_core.runs.labels import labelled
 
     if picture is not None:
         check_picture(picture)
         check_place(picture)
-    options: SharedOptions = {
-        "env": env,
-        "physics": physics,
-        "adversary_actions": adversary_actions,
-        "victim_actions": victim_actions,
-        "sets": sets or [],
-        "plugin_files": [str(path) for path in plugin or ()],
-        "threads": threads,
-    }
+    options = (flags or CrossPlayFlags()).options(PairingOptions)
     with make_progress(quiet=quiet) as progress:
         document = play(
-            labelled(adversaries, labels, env, side="adversary"),
-            labelled(victims, victim_labels, env, side="victim"),
+            labelled(adversaries, labels, options.env, side="adversary"),
+            labelled(victims, victim_labels, options.env, side="victim"),
+            options,
             episodes=episodes,
-            seed=seed,
-            num_envs=num_envs,
             out=out,
             command=["apil", *sys.argv[1:]],
             progress=progress,
-            **options,
         )
     if picture is not None:
         from apil_core.evaluation.crossplay.heat_map import draw_crossplay
 
         draw_crossplay(document, picture)
     if as_json:
-        compared = [each.model_dump(mode="json") for each in comparisons(document)]
-        print_json({**document.model_dump(mode="json"), "comparisons": compared})
+        _print_json(document)
     else:
         print_crossplay(document, out, picture)
+
+
+def _print_json(document: CrossPlay) -> None:
+    from apil_core.evaluation.crossplay.document import comparisons
+
+    compared = [each.model_dump(mode="json") for each in comparisons(document)]
+    print_json({**document.model_dump(mode="json"), "comparisons": compared})
 
 
 def print_crossplay(document: CrossPlay, out: Path | None = None, picture: Path | None = None) -> None:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Group, Parameter
 
-from apil_core.api.profiles import Profile
-from apil_core.cli.flags import PHYSICS_HELP, Json, Plugins, Quiet
+from apil_core.cli.flags import Flags, Json, Plugins, Quiet, flags_of
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
@@ -28,54 +27,28 @@ _WHO = Group("Who learns from whom", sort_key=0)
 _HOW = Group("How", sort_key=1)
 
 
-def _default(key: str) -> str:
-    """The true default of a setting, for its help."""
-    return f"[default: {DistillConfig.model_fields[key].default}]"
-
-
-@Parameter(name="*")
-@dataclass
-class DistillFlags:
+@flags_of(
+    DistillConfig,
+    {
+        _WHO: ("env", "role", "teacher", "opponent"),
+        _HOW: (
+            *("game.physics", "network", "width", "steps", "num_envs", "episodes"),
+            *("seed", "threads", "device"),
+        ),
+    },
+    {
+        "env": "Game.",
+        "teacher": "Policy to imitate [default: the game's agent for this side].",
+        "opponent": "Whom it plays [default: the game's agent for the other side].",
+        "game.physics": "[default: faithful]",
+        "network": "Student's network [default: lstm for a recurrent teacher, else mlp].",
+        "steps": "Game steps to play and label, rounded up to whole blocks.",
+        "episodes": "Games of each final score; 0: none.",
+    },
+)
+class DistillFlags(Flags):
     """The settings of a distillation; what is not given has the default of :class:`DistillConfig`."""
 
-    env: Annotated[str | None, Parameter(alias="-e", group=_WHO, help="Game.")] = None
-    role: Annotated[str | None, Parameter(group=_WHO, help="Side the student is to play, e.g. kicker.")] = (
-        None
-    )
-    teacher: Annotated[
-        str | None, Parameter(group=_WHO, help="Policy to imitate [default: the game's agent for this side].")
-    ] = None
-    opponent: Annotated[
-        str | None,
-        Parameter(group=_WHO, help="Whom it plays [default: the game's agent for the other side]."),
-    ] = None
-    physics: Annotated[
-        Profile | None,
-        Parameter(group=_HOW, help=f"Physics profile; {PHYSICS_HELP} [default: faithful]."),
-    ] = None
-    network: Annotated[
-        Literal["mlp", "lstm"] | None,
-        Parameter(group=_HOW, help="Student's network [default: lstm for a recurrent teacher, else mlp]."),
-    ] = None
-    width: Annotated[int | None, Parameter(group=_HOW, help=f"Units of the LSTM {_default('width')}.")] = None
-    steps: Annotated[
-        int | None,
-        Parameter(
-            group=_HOW,
-            help=f"Game steps to play and label, rounded up to whole blocks {_default('steps')}.",
-        ),
-    ] = None
-    num_envs: Annotated[int | None, Parameter(group=_HOW, help=f"Games together {_default('num_envs')}.")] = (
-        None
-    )
-    episodes: Annotated[
-        int | None, Parameter(group=_HOW, help=f"Games of each final score; 0: none {_default('episodes')}.")
-    ] = None
-    seed: Annotated[int | None, Parameter(group=_HOW, help="Seed of everything random [default: 0].")] = None
-    threads: Annotated[
-        int | None, Parameter(group=_HOW, help="Physics threads; never changes results [default: all CPUs].")
-    ] = None
-    device: Annotated[str | None, Parameter(group=_HOW, help="Of the networks [default: cpu].")] = None
     sets: Annotated[
         list[str],
         Parameter(
@@ -86,16 +59,6 @@ class DistillFlags:
             help="Any other setting, e.g. final_passes=40 or game.max_steps=100; repeatable.",
         ),
     ] = field(default_factory=list)
-
-    def given(self) -> dict[str, Any]:
-        """The flags that were given, as keys of :class:`DistillConfig`."""
-        names = ("env", "role", "teacher", "opponent", "network", "width", "steps")
-        values = {
-            name: getattr(self, name)
-            for name in (*names, "num_envs", "episodes", "seed", "threads", "device")
-        }
-        given = {name: value for name, value in values.items() if value is not None}
-        return given if self.physics is None else {**given, "game.physics": self.physics}
 
 
 def distill(
@@ -146,9 +109,10 @@ def distill(
 def _config(flags: DistillFlags, plugins: PluginRegistry) -> DistillConfig:
     from apil_core.runs.distillation.config import settings
 
-    if flags.env is None or flags.role is None:
+    given = flags.given()
+    if not {"env", "role"} <= given.keys():
         raise ConfigError("say what to distill: --env GAME --role SIDE (or --resume DIR)")
-    return settings(flags.given(), flags.sets, plugins)
+    return settings(given, flags.sets, plugins)
 
 
 def _teller(progress: Progress) -> Any:

@@ -3,49 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
 
-from apil_core.cli.flags import Json, PairingFlags, Quiet
+from apil_core.cli.flags import ADVERSARY, EvaluationFlags, Json, Quiet
 from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
 from apil_core.cli.scores import print_score
 from apil_core.common.errors import ConfigError
-
-if TYPE_CHECKING:
-    from apil_core.evaluation.pairing import PairingOptions
+from apil_core.evaluation.options import EvaluationOptions
 
 
 def evaluate(
-    adversary: Annotated[
-        str,
-        Parameter(
-            name="ADVERSARY", help="Run directory, policy (zoo:GAME/SIDE/v1, onnx:FILE, …), random or zero."
-        ),
-    ],
+    adversary: Annotated[str, ADVERSARY],
     /,
     *,
-    flags: PairingFlags | None = None,
-    episodes: Annotated[int, Parameter(help="Games to play; 1000 give ± 3 points at 50 %.")] = 1000,
-    blind: Annotated[
-        Literal["zeros", "initial"] | None,
-        Parameter(help="Hide the opponent from the adversary: zeros, or the mean of starting states."),
-    ] = None,
-    blind_imitator: Annotated[
-        bool,
-        Parameter(show_default=False, help="Hide it from the adversary's methods too, with --blind."),
-    ] = False,
-    blind_victim: Annotated[
-        Literal["zeros", "initial"] | None,
-        Parameter(help="Hide the adversary from the victim: what is still won was not won by what it saw."),
-    ] = None,
-    seed: Annotated[int, Parameter(help="Seed of the games and of all draws.")] = 0,
-    num_envs: Annotated[
-        int | None, Parameter(help="Games in parallel; a seed's games depend on it [default: up to 128].")
-    ] = None,
-    threads: Annotated[int, Parameter(help="Physics threads; 0: all CPUs. Never changes results.")] = 0,
-    device: Annotated[str, Parameter(help="Where the networks live: cpu, cuda or cuda:N.")] = "cpu",
+    flags: EvaluationFlags | None = None,
     keep: Annotated[
         str | None,
         Parameter(
@@ -62,23 +36,12 @@ def evaluate(
     """
     from apil_core.evaluation.score import evaluate as score
 
-    if keep is not None and blind_victim is not None:
+    options = (flags or EvaluationFlags()).options(EvaluationOptions)
+    if keep is not None and options.blind_victim is not None:
         raise ConfigError("--keep: reports have no table of blinded victims; use --json with --blind-victim")
     folder = None if keep is None else _keeping(adversary, keep)
-    flags = flags or PairingFlags()
-    options: PairingOptions = {**flags.options(), "threads": threads, "device": device}
     with make_progress(quiet=quiet) as progress:
-        result = score(
-            adversary,
-            episodes=episodes,
-            seed=seed,
-            num_envs=num_envs,
-            blind=blind,
-            blind_imitator=blind_imitator,
-            blind_victim=blind_victim,
-            progress=progress,
-            **options,
-        )
+        result = score(adversary, options, progress=progress)
     if as_json:
         print_json(result)
     else:
@@ -99,7 +62,7 @@ def _keeping(adversary: str, name: str) -> Path:
     from apil_core.common.files import check_place
     from apil_core.studies.bench.folder import score_path
     from apil_core.studies.bench.matrix import PLAIN, check_name
-    from apil_core.training.export.run_policy import Source, run_path
+    from apil_core.training.export.run_policy import RunCheckpoint, run_path
 
     try:
         check_name(name, f"--keep {name}")
@@ -110,7 +73,7 @@ def _keeping(adversary: str, name: str) -> Path:
         raise ConfigError(f"--keep: {adversary} is no run, so there is nowhere to keep its score; use --json")
     if name == PLAIN:
         raise ConfigError(f"--keep {name}: that is the score the run ended with; choose another name")
-    folder = Source.find(path).run_dir.path
+    folder = RunCheckpoint.find(path).run_dir.path
     kept = score_path(folder, name)
     if kept.exists():
         raise ConfigError(f"--keep {name}: {kept} exists, and no score is overwritten; choose another name")

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from apil_core.api.profiles import Profile
-from apil_core.cli.flags import PHYSICS_HELP, Json, Plugins, Quiet
+from apil_core.cli.flags import Json, PairingFlags, Quiet, flags_of
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
+from apil_core.evaluation.options import PairingOptions
 
 if TYPE_CHECKING:
     from apil_core.api.specs import GameSpec
@@ -23,8 +23,21 @@ WEIGHTS_MISSING = 1
 """Exit code where there were pairings, and weights for none of them."""
 
 
+@flags_of(
+    PairingOptions,
+    {None: ("physics", "seed", "num_envs", "threads", "plugin_files")},
+    {
+        "physics": "[default: faithful]",
+        "num_envs": "Games in parallel at most; a seed's games depend on it. [default: 128]",
+    },
+)
+class FidelityFlags(PairingFlags):
+    """How everything is played."""
+
+
 def fidelity(
     *,
+    flags: FidelityFlags | None = None,
     game: Annotated[list[str] | None, Parameter(help="Only this game; repeatable [default: all].")] = None,
     episodes: Annotated[int, Parameter(help="Games per row; 1000 give ± 3 points at 50 %.")] = 1000,
     switches: Annotated[
@@ -39,18 +52,10 @@ def fidelity(
             "wherever a game has them; repeatable.",
         ),
     ] = None,
-    physics: Annotated[
-        Profile | None,
-        Parameter(help=f"Play everything in this physics profile; {PHYSICS_HELP} [default: faithful]."),
-    ] = None,
-    seed: Annotated[int, Parameter(help="Seed of the games and of all draws.")] = 0,
-    num_envs: Annotated[int, Parameter(help="Games in parallel at most; a seed's games depend on it.")] = 128,
-    threads: Annotated[int, Parameter(help="Physics threads; 0: all CPUs. Never changes results.")] = 0,
     out: Annotated[
         Path | None,
         Parameter(help="Keep finished rows in this file, and play only those not yet in it."),
     ] = None,
-    plugin: Plugins | None = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> int:
@@ -62,18 +67,21 @@ def fidelity(
     from apil_core.evaluation.fidelity.plan import PlanRequest, plan_rows
     from apil_core.evaluation.fidelity.play import missing_policy, play_rows
     from apil_core.evaluation.fidelity.rows import FidelityFile
+    from apil_core.evaluation.score import MAX_PARALLEL_GAMES
     from apil_core.plugins.discovery import discover
 
-    plugins = discover(plugin or [])
+    options = (flags or FidelityFlags()).options(PairingOptions)
+    plugins, physics = discover(options.plugin_files), options.physics
     variants = [_assignments(text) for text in variant or ()]
-    request = PlanRequest(episodes, switch_episodes, switches, variants, seed, num_envs, physics)
+    num_envs = options.num_envs or MAX_PARALLEL_GAMES
+    request = PlanRequest(episodes, switch_episodes, switches, variants, options.seed, num_envs, physics)
     games = _games(plugins, game)
     if game and physics is not None:
         _check_profiles(games)
     plan = plan_rows(games, request, missing_policy(plugins))
     file = None if out is None else FidelityFile(out)
     with make_progress(quiet=quiet) as progress:
-        rows = play_rows(plan.rows, plugins=plugins, threads=threads, progress=progress, file=file)
+        rows = play_rows(plan.rows, plugins=plugins, threads=options.threads, progress=progress, file=file)
     if as_json:
         skipped = [matchup.model_dump(mode="json") for matchup in plan.skipped]
         print_json({"rows": [row.model_dump(mode="json") for row in rows], "skipped": skipped})

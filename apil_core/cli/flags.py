@@ -1,28 +1,32 @@
-"""Flags shared by several verbs; their help is the config model's own text and defaults."""
+"""Flags made from the models that are read: their help is the fields' own text and defaults."""
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from types import NoneType, UnionType
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origin
 
 from cyclopts import Group, Parameter
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
 
 from apil_core.api.config import RunConfig
-from apil_core.api.profiles import Profile
 from apil_core.config.layers import located, preset_names
+from apil_core.config.problems import model_at
+from apil_core.evaluation.options import EvaluationOptions, PairingOptions
 
 if TYPE_CHECKING:
     from apil_core.config.layers import Layer
-    from apil_core.evaluation.pairing import PairingOptions
     from apil_core.plugins.discovery import PluginRegistry
 
 _SETTINGS = Group("What to train", sort_key=0)
 _SOURCES = Group("Where settings come from (defaults < presets < file < flags < --set)", sort_key=1)
 
 _REST = Group("Output", sort_key=3)
-
-PHYSICS_HELP = "faithful: the game as it was made, fast: cheaper and nearly the same game"
 
 Json = Annotated[
     bool,
@@ -48,37 +52,126 @@ Plugins = Annotated[
 ]
 
 
-def setting(name: str, **options: Any) -> Parameter:
-    """A flag that sets one config key: its help is the key's description and true default."""
-    info = RunConfig.model_fields[name]
-    default = "" if info.default in (None, ()) else f" [default: {info.default}]"
-    return Parameter(help=f"{info.description}{default}", group=_SETTINGS, show_default=False, **options)
+_SPELLING: dict[str, dict[str, Any]] = {
+    "method": {"alias": "-m"},
+    "env": {"alias": "-e"},
+    "observers": {"name": "--observer", "metavar": "NAME"},
+    "sets": {"name": "--set", "metavar": "KEY=VALUE"},
+    "checkpoint_path": {"name": "--checkpoint"},
+    "plugin_files": {"name": "--plugin"},
+}
+"""What flags are called, where not like their field."""
+
+Made = TypeVar("Made", bound="Flags")
+Model = TypeVar("Model", bound=BaseModel)
 
 
-def _source(text: str, **options: Any) -> Parameter:
+class Flags:
+    """Flags of a model's fields; see :func:`flags_of`."""
+
+    keys: ClassVar[dict[str, str]]
+
+    def given(self) -> dict[str, Any]:
+        """What was given, by key of the model."""
+        values = {key: getattr(self, name) for name, key in self.keys.items()}
+        return {key: value for key, value in values.items() if value is not None and value is not False}
+
+
+class PairingFlags(Flags):
+    """Flags of :class:`apil_core.evaluation.options.PairingOptions`, or of what extends it."""
+
+    def options(self, model: type[Model]) -> Model:
+        """The options they stand for.
+
+        Raises:
+            ConfigError: a value that makes no sense.
+        """
+        given = self.given()
+        for key in ("plugin_files", "sets"):
+            given[key] = tuple(map(str, given.get(key, ())))
+        given["observers"] = {name: {} for name in given.get("observers", ())}
+        return model(**given)
+
+
+def flags_of(
+    model: type[BaseModel],
+    groups: Mapping[Group | None, Sequence[str]],
+    texts: Mapping[str, str] | None = None,
+) -> Callable[[type[Made]], type[Made]]:
+    """Give a class a flag for each of these fields of a model, before those it declares itself.
+
+    Args:
+        model: whose fields' text and default are the flag's help; ``None`` in the class stands for a flag
+            that was not given.
+        groups: keys by the group of the help they are shown in; those of sections have dots, and
+            ``game.physics`` is the profile of a model's game.
+        texts: help of those keys whose own text says something else, or ``[default: …]`` in its place.
+    """
+
+    def decorate(cls: type[Made]) -> type[Made]:
+        annotations: dict[str, Any] = {}
+        cls.keys = {}
+        for group, keys in groups.items():
+            for key in keys:
+                name = key.rpartition(".")[2]
+                cls.keys[name] = key
+                annotations[name], default = _flag(_field(model, key), name, group, (texts or {}).get(key))
+                setattr(cls, name, default)
+        cls.__annotations__ = {**annotations, **inspect.get_annotations(cls)}
+        return Parameter(name="*")(dataclass(cls))
+
+    return decorate
+
+
+def _field(model: type[BaseModel], key: str) -> FieldInfo:
+    if key == "game.physics":
+        return PairingOptions.model_fields["physics"]
+    *sections, name = key.split(".")
+    section = model_at(model, tuple(sections))
+    assert section is not None
+    return section.model_fields[name]
+
+
+def _flag(info: FieldInfo, name: str, group: Group | None, text: str | None) -> tuple[Any, Any]:
+    """Type and default of the flag of one field."""
+    kind = _kind(info.annotation, name)
+    own = " ".join(str(info.description).split())
+    if text is None or text.startswith("[default: "):
+        text = own if text is None else f"{own.partition(' [default: ')[0].rstrip('.')} {text}."
+    if "[default: " not in text and kind is not bool and not info.is_required():
+        text += f" [default: {info.default}]" if info.default not in (None, (), "", PydanticUndefined) else ""
+    options: dict[str, Any] = {"help": text, **_SPELLING.get(name, {}), **({"group": group} if group else {})}
+    wanted: Any = kind if kind is bool else kind | None
+    return Annotated[wanted, Parameter(show_default=False, **options)], False if kind is bool else None
+
+
+def _kind(annotation: Any, name: str) -> Any:
+    """What one value of a flag is: a field's type without ``None`` and bounds, and lists for collections."""
+    if get_origin(annotation) in (tuple, dict):
+        return list[Path] if name == "plugin_files" else list[str]
+    parts = [part for part in get_args(annotation) if part is not NoneType]
+    if get_origin(annotation) in (Union, UnionType):
+        return _kind(parts[0], name)
+    return parts[0] if get_origin(annotation) is Annotated else annotation
+
+
+def _source(text: str, **options: Any) -> Any:
     return Parameter(help=text, group=_SOURCES, show_default=False, **options)
 
 
-@Parameter(name="*")
-@dataclass
-class ConfigFlags:
+@flags_of(
+    RunConfig,
+    {
+        _SETTINGS: (
+            *("method", "env", "victim", "steps", "num_envs", "threads", "seed", "game.physics", "device"),
+            "init_from",
+        )
+    },
+    {"game.physics": "[default: faithful]"},
+)
+class ConfigFlags(Flags):
     """Everything that makes up a run's configuration."""
 
-    method: Annotated[str | None, setting("method", alias="-m")] = None
-    env: Annotated[str | None, setting("env", alias="-e")] = None
-    victim: Annotated[str | None, setting("victim")] = None
-    steps: Annotated[int | None, setting("steps")] = None
-    num_envs: Annotated[int | None, setting("num_envs")] = None
-    threads: Annotated[int | None, setting("threads")] = None
-    seed: Annotated[int | None, setting("seed")] = None
-    physics: Annotated[
-        Profile | None,
-        Parameter(
-            group=_SETTINGS, show_default=False, help=f"Physics profile; {PHYSICS_HELP} [default: faithful]."
-        ),
-    ] = None
-    device: Annotated[str | None, setting("device")] = None
-    init_from: Annotated[str | None, setting("init_from")] = None
     preset: Annotated[
         list[str],
         _source(f"Ready-made settings: {', '.join(preset_names())}; repeatable.", metavar="NAME"),
@@ -96,11 +189,9 @@ class ConfigFlags:
         """The configuration layers these flags stand for."""
         from apil_core.config.resolve import gather, plugin_files
 
-        keys = ("method", "env", "victim", "steps", "num_envs", "threads", "seed", "device")
-        flags: dict[str, Any] = {key: getattr(self, key) for key in keys}
-        flags["game.physics"] = self.physics
-        if self.init_from is not None:
-            flags["init_from"] = located(self.init_from, Path())
+        flags = self.given()
+        if "init_from" in flags:
+            flags["init_from"] = located(flags["init_from"], Path())
         if self.plugin:  # besides what files name, not instead of it
             below = plugin_files(gather(self.config, self.preset, self.set))
             flags["plugins"] = [*below, *(str(path.absolute()) for path in self.plugin)]
@@ -120,62 +211,26 @@ class ConfigFlags:
         return resolve_layers(layers, plugins), plugins
 
 
-_Actions = Annotated[
-    Literal["sample", "mode"] | None,
-    Parameter(help="Draw actions, or take the mode [default: as configured]."),
-]
+_PLAYED = (
+    *("env", "victim", "physics", "adversary_actions", "victim_actions", "sets", "observers"),
+    *("checkpoint_path", "plugin_files"),
+)
+_SCORED = (
+    *("episodes", "blind", "blind_imitator", "blind_victim"),
+    *("seed", "num_envs", "threads", "device"),
+)
 
 
-@Parameter(name="*")
-@dataclass
-class PairingFlags:
+@flags_of(EvaluationOptions, {None: (*_PLAYED, *_SCORED)})
+class EvaluationFlags(PairingFlags):
+    """Who plays whom, in which game, and what is counted."""
+
+
+@flags_of(PairingOptions, {None: (*_PLAYED, "seed")})
+class PlayFlags(PairingFlags):
     """Who plays whom, and in which game."""
 
-    env: Annotated[
-        str | None, Parameter(alias="-e", help="Game; needed unless ADVERSARY is a run [default: the run's].")
-    ] = None
-    victim: Annotated[
-        str | None,
-        Parameter(help="Whom it plays, named likewise [default: the run's victim, else the game's]."),
-    ] = None
-    physics: Annotated[
-        Profile | None,
-        Parameter(help=f"Physics profile; {PHYSICS_HELP} [default: the run's, else faithful]."),
-    ] = None
-    adversary_actions: _Actions = None
-    victim_actions: _Actions = None
-    sets: Annotated[
-        list[str],
-        Parameter(
-            name="--set",
-            show_default=False,
-            metavar="KEY=VALUE",
-            help="One option of the game (game.KEY) or of an --observer (options.NAME.KEY); repeatable.",
-        ),
-    ] = field(default_factory=list)
-    observer: Annotated[
-        list[str],
-        Parameter(
-            show_default=False,
-            metavar="NAME",
-            help="Observer to switch on besides the run's, such as a defence of the victim; repeatable.",
-        ),
-    ] = field(default_factory=list)
-    checkpoint: Annotated[
-        Path | None, Parameter(help="Checkpoint of the run to take, or best [default: the newest].")
-    ] = None
-    plugin: Plugins = field(default_factory=list)
 
-    def options(self) -> PairingOptions:
-        """As keywords of :func:`apil_core.evaluation.pairing.load_pairing`."""
-        return {
-            "env": self.env,
-            "victim": self.victim,
-            "adversary_actions": self.adversary_actions,
-            "victim_actions": self.victim_actions,
-            "observers": {name: {} for name in self.observer},
-            "sets": self.sets,
-            "physics": self.physics,
-            "checkpoint_path": self.checkpoint,
-            "plugin_files": [str(path) for path in self.plugin],
-        }
+ADVERSARY = Parameter(
+    name="ADVERSARY", help="Run directory, policy (zoo:GAME/SIDE/v1, onnx:FILE, …), random or zero."
+)

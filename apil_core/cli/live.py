@@ -14,22 +14,18 @@ from rich.progress import (
     TaskID,
     TextColumn,
     TimeElapsedColumn,
-    TimeRemainingColumn,
 )
 from rich.table import Table
 from rich.text import Text
 
 from apil_core.cli import readout
-from apil_core.cli.output import console
-from apil_core.cli.plain import ConsoleProgress
+from apil_core.cli.output import WIDEST, console
+from apil_core.cli.progress import ConsoleProgress
 from apil_core.common.visible import visible
 
 if TYPE_CHECKING:
     from apil_core.api.config import RunConfig
     from apil_core.evaluation.results import EvaluationResult
-
-_SPEED_WINDOW = 120.0
-"""Seconds the time left is estimated from: long enough to smooth over checkpoints and evaluations."""
 
 
 class LiveProgress(ConsoleProgress):
@@ -41,43 +37,44 @@ class LiveProgress(ConsoleProgress):
 
     def __init__(self, screen: Console | None = None):
         self._console = screen or console(stderr=True)
+        self._console.width = min(self._console.width, WIDEST)
         self._bars = Progress(
             TextColumn("{task.description}"),
             BarColumn(bar_width=None),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
+            TextColumn("{task.fields[left]} left"),
             console=self._console,
             expand=True,
-            speed_estimate_period=_SPEED_WINDOW,
         )
         self._live = Live(console=self._console, refresh_per_second=4, transient=False)
         self._training: TaskID | None = None
         self._evaluating: TaskID | None = None
-        self._endings = readout.Endings()
+        self._pace = readout.Pace()
         self._status: Table | None = None
 
     def started(self, config: RunConfig, run_dir: Path, victim: str, steps_done: int) -> None:
         """Headline and an empty bar."""
         self.note(self.headline(config, run_dir, victim, steps_done))
-        self._training = self._bars.add_task("training", total=config.steps, completed=steps_done)
+        self._training = self._bars.add_task("training", total=config.steps, completed=steps_done, left="–")
         self._refresh()
 
     def iteration(self, metrics: dict[str, float]) -> None:
         """Move the bar, renew the numbers."""
-        self._endings.add(metrics)
-        self._status = status_table(metrics, self._endings)
+        self._status = status_table(metrics)
+        left = self._pace.left(metrics)
         if self._training is not None:
             done = min(metrics["steps"], metrics["total_steps"])
-            self._bars.update(self._training, total=metrics["total_steps"], completed=int(done))
+            total = metrics["total_steps"]
+            self._bars.update(self._training, total=total, completed=int(done), left=left)
         self._refresh()
 
     def evaluation_progress(self, done: int, total: int) -> None:
         """A second bar while an evaluation runs."""
         if self._evaluating is None:
-            self._evaluating = self._bars.add_task("evaluation", total=total)
-        self._bars.update(self._evaluating, total=total, completed=done)
+            self._evaluating = self._bars.add_task("evaluation", total=total, left="–")
+        left = self._pace.games_left(done, total)
+        self._bars.update(self._evaluating, total=total, completed=done, left=left)
         self._refresh()
 
     def evaluation(self, result: EvaluationResult, steps: int) -> None:
@@ -112,7 +109,7 @@ class LiveProgress(ConsoleProgress):
         self._live.update(Group(*parts))
 
 
-def status_table(metrics: dict[str, float], endings: readout.Endings) -> Table:
+def status_table(metrics: dict[str, float]) -> Table:
     """The numbers below the bar, one row per question a watcher has."""
     games = f"last {metrics.get('window_games', 0):,.0f} games"
     shares = readout.outcomes(metrics)
@@ -121,7 +118,7 @@ def status_table(metrics: dict[str, float], endings: readout.Endings) -> Table:
         games: "  ".join(f"{name} {text}" for name, text in shares.items()),
         "returns": readout.returns(metrics),
         "imitator": readout.imitator(metrics),
-        "endings": str(endings),
+        "endings": readout.endings(metrics),
     }
     grid = Table.grid(padding=(0, 2))
     grid.add_column(style="dim", no_wrap=True)

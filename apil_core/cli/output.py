@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +17,15 @@ if TYPE_CHECKING:
 
 
 _UNFOLDED = 2000
-"""Columns where nobody's screen is the limit: rows in a pipe must stay one line each."""
+"""Columns where no screen is the limit: rows in a pipe must stay one line each."""
+
+WIDEST = 120
+"""Columns of a progress display at most: a bar across a whole wide screen is hard to read."""
+
+
+def columns() -> int:
+    """Width of progress displays: the terminal's or ``COLUMNS``, at most 120."""
+    return min(shutil.get_terminal_size((WIDEST, 24)).columns, WIDEST)
 
 
 def console(*, stderr: bool = False) -> Console:
@@ -30,7 +40,8 @@ def console(*, stderr: bool = False) -> Console:
             return super().render_str(visible(text), **how)
 
     stream = sys.stderr if stderr else sys.stdout
-    width = None if stream.isatty() else _UNFOLDED
+    asked = os.environ.get("COLUMNS", "").isdecimal()  # rich reads it
+    width = None if stream.isatty() or asked else _UNFOLDED
     return Screen(
         file=stream, width=width, highlight=False, markup=False, emoji=False, soft_wrap=not stream.isatty()
     )

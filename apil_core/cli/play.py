@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
-from apil_core.cli.flags import Json, PairingFlags, Quiet
+from apil_core.cli.flags import ADVERSARY, Json, PlayFlags, Quiet
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
+from apil_core.evaluation.options import PairingOptions
 
 if TYPE_CHECKING:
-    from apil_core.evaluation.pairing import PairingOptions
     from apil_core.evaluation.video.recording import PlayResult, RenderOptions
 
 _WHERE = Group("Where to (a window, unless a file is named)", sort_key=2)
@@ -57,16 +57,10 @@ class Screen:
 
 
 def play(
-    adversary: Annotated[
-        str,
-        Parameter(
-            name="ADVERSARY", help="Run directory, policy (zoo:GAME/SIDE/v1, onnx:FILE, …), random or zero."
-        ),
-    ],
+    adversary: Annotated[str, ADVERSARY],
     /,
     *,
-    flags: PairingFlags | None = None,
-    seed: Annotated[int, Parameter(help="Seed of the games and of all draws.")] = 0,
+    flags: PlayFlags | None = None,
     episodes: Annotated[
         int | None, Parameter(help="Games to show, or with --until to try at most [default: 1 or 100].")
     ] = None,
@@ -86,11 +80,11 @@ def play(
     from apil_core.evaluation.pairing import load_pairing
     from apil_core.evaluation.video.recording import show
 
-    rendering = (screen or Screen()).options(seed=seed, episodes=episodes, until=until)
+    options = (flags or PlayFlags()).options(PairingOptions)
+    rendering = (screen or Screen()).options(seed=options.seed, episodes=episodes, until=until)
     rendering.check()
-    options: PairingOptions = {**(flags or PairingFlags()).options(), "threads": 1}
     with (
-        load_pairing(adversary, num_envs=1, seed=seed, **options) as pairing,
+        load_pairing(adversary, options, threads=1) as pairing,
         make_progress(quiet=quiet) as progress,
     ):
         result = show(pairing, rendering, progress)

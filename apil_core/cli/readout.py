@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+import time
+from collections import Counter
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from apil_core.api.profiles import FAITHFUL
 
 if TYPE_CHECKING:
-    from apil_core.evaluation.results import Circumstances, EvaluationResult, Rate
-
-_ENDINGS_KEPT = 50
-"""Iterations over which endings are summed up: one alone has only a few games."""
+    from apil_core.evaluation.results import EvaluationResult, MatchSetup, Rate
 
 
 def percent(rate: Rate) -> str:
@@ -45,7 +43,7 @@ def outcomes(metrics: Mapping[str, float]) -> dict[str, str]:
 
 
 def returns(metrics: Mapping[str, float]) -> str:
-    """Mean returns of both sides and the mean length of the games that just ended."""
+    """Mean returns of both sides, in the game's reward, and the mean length of the games that just ended."""
     texts = {
         "adversary": metrics.get("return/adversary"),
         "victim": metrics.get("return/victim"),
@@ -71,21 +69,50 @@ def imitator(metrics: Mapping[str, float]) -> str:
     return ", ".join(parts)
 
 
-class Endings:
-    """How games ended lately, most frequent first."""
+def endings(metrics: Mapping[str, float]) -> str:
+    """How the games behind :func:`outcomes` ended, most frequent first."""
+    prefix = "window_cause/"
+    counts = Counter(
+        {name.removeprefix(prefix): int(n) for name, n in metrics.items() if name.startswith(prefix) and n}
+    )
+    return ", ".join(f"{name} {count / counts.total():.0%}" for name, count in counts.most_common())
+
+
+def iteration(metrics: Mapping[str, float], left: str) -> list[str]:
+    """Parts of one line about an iteration; those with nothing to say are empty."""
+    shares, lately = outcomes(metrics), endings(metrics)
+    done = f"{metrics['steps']:,.0f} of {metrics['total_steps']:,.0f} steps"
+    return [
+        f"iteration {metrics['iteration']:.0f}: {done}",
+        f"{metrics['steps_per_second']:,.0f} steps/s, {left} left",
+        ", ".join(f"{name} {text}" for name, text in shares.items()),
+        f"returns: {text}" if (text := returns(metrics)) else "",
+        imitator(metrics),
+        f"endings: {lately}" if lately else "",
+    ]
+
+
+class Pace:
+    """Time left, from the first iteration on: later ones move the estimate by a tenth each."""
 
     def __init__(self) -> None:
-        self._counts: deque[Counter[str]] = deque(maxlen=_ENDINGS_KEPT)
+        self._step = 0.0
+        self._began: float | None = None
 
-    def add(self, metrics: Mapping[str, float]) -> None:
-        """Take in one iteration's ``cause/<name>`` counts."""
-        causes = {k.removeprefix("cause/"): int(v) for k, v in metrics.items() if k.startswith("cause/")}
-        self._counts.append(Counter(causes))
+    def left(self, metrics: Mapping[str, float]) -> str:
+        """Of a training, after an iteration."""
+        step = 1 / metrics["steps_per_second"] if metrics["steps_per_second"] else 0.0
+        self._step = 0.9 * self._step + 0.1 * step if self._step else step
+        return duration(max(metrics["total_steps"] - metrics["steps"], 0) * self._step)
 
-    def __str__(self) -> str:
-        total: Counter[str] = sum(self._counts, Counter())
-        games = sum(total.values())
-        return ", ".join(f"{name} {count / games:.0%}" for name, count in total.most_common() if count)
+    def games_left(self, done: int, total: int) -> str:
+        """Of an evaluation, while its games end; ``–`` before the first one has."""
+        now = time.monotonic()
+        self._began = now if self._began is None or not done else self._began
+        seconds = (now - self._began) * (total - done) / done if done else 0.0
+        if done >= total:
+            self._began = None
+        return duration(seconds) if done else "–"
 
 
 def score_line(result: EvaluationResult, steps: int) -> str:
@@ -101,7 +128,7 @@ def game_name(env: str, physics: str | None) -> str:
     return env if physics in (None, FAITHFUL) else f"{env}, {physics}"
 
 
-def physics(result: Circumstances) -> str:
+def physics(result: MatchSetup) -> str:
     """``, physics fast``; empty where the game was played as it was made, or has no profiles."""
     return "" if result.physics in (None, FAITHFUL) else f", physics {result.physics}"
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Group, Parameter
 
-from apil_core.api.profiles import Profile
-from apil_core.cli.flags import PHYSICS_HELP, Json, Quiet
+from apil_core.cli.flags import Flags, Json, Plugins, Quiet, flags_of
 from apil_core.cli.guard import INTERRUPTED, complain
 from apil_core.cli.output import console, print_json, say, table
 from apil_core.cli.progress import make_progress
@@ -27,41 +26,26 @@ _WHO = Group("Who is hardened against whom", sort_key=0)
 _HOW = Group("How", sort_key=1)
 
 
-def _setting(name: str, group: Group, **options: Any) -> Parameter:
-    """A flag of one setting: its help is the setting's own text and default."""
-    info = RetrainConfig.model_fields[name]
-    default = "" if info.is_required() or info.default is None else f" [default: {info.default}]"
-    return Parameter(help=f"{info.description}{default}", group=group, show_default=False, **options)
-
-
-@Parameter(name="*")
-@dataclass
-class RetrainFlags:
+@flags_of(
+    RetrainConfig,
+    {
+        _WHO: ("env", "victim", "baseline", "adversary_share", "mix"),
+        _HOW: (
+            *("game.physics", "steps", "num_envs", "critic", "freeze", "evaluation.episodes"),
+            *("seed", "threads", "device"),
+        ),
+    },
+    {
+        "env": "Game [default: the runs'].",
+        "victim": "Policy to harden [default: the one the runs attacked].",
+        "game.physics": "[default: the first run's]",
+        "num_envs": "[default: the first run's]",
+        "evaluation.episodes": "Games of each score, before and after [default: 1000].",
+    },
+)
+class RetrainFlags(Flags):
     """The settings of a retraining; what is not given is as in the first run, or a default."""
 
-    env: Annotated[str | None, Parameter(alias="-e", group=_WHO, help="Game [default: the runs'].")] = None
-    victim: Annotated[
-        str | None, Parameter(group=_WHO, help="Policy to harden [default: the one the runs attacked].")
-    ] = None
-    baseline: Annotated[str | None, _setting("baseline", _WHO)] = None
-    adversary_share: Annotated[float | None, _setting("adversary_share", _WHO)] = None
-    mix: Annotated[Literal["per_episode", "per_step"] | None, _setting("mix", _WHO)] = None
-    physics: Annotated[
-        Profile | None,
-        Parameter(group=_HOW, help=f"Physics profile; {PHYSICS_HELP} [default: the first run's]."),
-    ] = None
-    steps: Annotated[int | None, _setting("steps", _HOW)] = None
-    num_envs: Annotated[
-        int | None, Parameter(group=_HOW, help="Games stepped together [default: the first run's].")
-    ] = None
-    critic: Annotated[Literal["auto", "stored", "new"] | None, _setting("critic", _HOW)] = None
-    freeze: Annotated[Literal["none", "value"] | None, _setting("freeze", _HOW)] = None
-    episodes: Annotated[
-        int | None, Parameter(group=_HOW, help="Games of each score, before and after [default: 1000].")
-    ] = None
-    seed: Annotated[int | None, _setting("seed", _HOW)] = None
-    threads: Annotated[int | None, _setting("threads", _HOW)] = None
-    device: Annotated[str | None, _setting("device", _HOW)] = None
     sets: Annotated[
         list[str],
         Parameter(
@@ -73,16 +57,6 @@ class RetrainFlags:
         ),
     ] = field(default_factory=list)
 
-    def given(self) -> dict[str, Any]:
-        """The flags that were given, as keys of :class:`RetrainConfig`."""
-        names = (
-            *("env", "victim", "baseline", "adversary_share", "mix", "steps", "num_envs"),
-            *("critic", "freeze", "seed", "threads", "device"),
-        )
-        values = {name: getattr(self, name) for name in names}
-        values |= {"game.physics": self.physics, "evaluation.episodes": self.episodes}
-        return {name: value for name, value in values.items() if value is not None}
-
 
 def retrain(
     *adversaries: Annotated[
@@ -92,6 +66,7 @@ def retrain(
     out: Annotated[
         Path | None, Parameter(help="Directory [default: runs/ENV/retrain/OPPONENTS/TIME-sSEED].")
     ] = None,
+    plugin: Plugins | None = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> int:
@@ -110,7 +85,7 @@ def retrain(
     from apil_core.runs.retraining.retrain import retrain as start
     from apil_core.runs.retraining.settings import settings
 
-    config = settings(adversaries, flags.given(), flags.sets)
+    config = settings(adversaries, flags.given(), flags.sets, plugin_files=plugin or ())
     with make_progress(quiet=quiet) as progress:
         result = start(config, out=out, progress=progress, command=["apil", *sys.argv[1:]])
     return finish(result, as_json=as_json)

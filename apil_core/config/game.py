@@ -121,12 +121,6 @@ def spelt_out(env: str, options: Mapping[str, Any], plugins: PluginRegistry) -> 
     return {**config.game, **(model.settings if isinstance(model, ProfiledOptions) else {})}
 
 
-def without_physics(config: RunConfig, plugins: PluginRegistry) -> dict[str, Any]:
-    """A run's game options but for those a physics profile gives, so that another profile can be named."""
-    hidden = {PHYSICS, *profile_keys(game_model(config.env, plugins))}
-    return {key: value for key, value in config.game.items() if key not in hidden}
-
-
 def stored_game(config: RunConfig) -> dict[str, Any]:
     """:func:`spelt_out` for a stored run; as it was stored where only a one-file plugin knows its game."""
     try:

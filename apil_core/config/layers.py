@@ -27,7 +27,7 @@ CONFIG, ENVIRONMENT = "config.yaml", "environment.json"
 """What every run directory holds: its settings, and where and with what they were used."""
 
 _PATH_KEYS = ("init_from", "plugins")
-POLICY_NAME = re.compile(r"[a-z][a-z0-9_]+:")
+POLICY_NAME = re.compile(r"[a-z][a-z0-9_-]+:")
 """How names of policies begin: with a scheme."""
 
 

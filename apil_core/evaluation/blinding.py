@@ -7,13 +7,13 @@ adversary: what is won through the victim's eyes is what makes an attack adversa
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from apil_core.api.config import BlindMode
-from apil_core.common.errors import ConfigError, UnknownNameError
+from apil_core.common.errors import ConfigError
 from apil_core.common.seeds import stream_seed
 
 if TYPE_CHECKING:
@@ -25,19 +25,6 @@ STARTS = 1024
 
 _SEED, _STREAM = 0, "blinding starts"
 # not the evaluation's seed: what stands in for the opponent belongs to the game, not to the games played
-
-
-def check_blinding(mode: str | None, *, imitator: bool) -> None:
-    """Check the way of blinding before anything is loaded.
-
-    Raises:
-        ConfigError: ``imitator`` without a mode.
-        UnknownNameError: there is no such mode.
-    """
-    if mode is None and imitator:
-        raise ConfigError("--blind-imitator needs --blind zeros or --blind initial")
-    if mode not in (None, *get_args(BlindMode)):
-        raise UnknownNameError("blinding", str(mode), get_args(BlindMode))
 
 
 def make_blinding(pairing: Pairing, mode: BlindMode, side: int, *, imitator: bool = False) -> Blinding:

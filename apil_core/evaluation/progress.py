@@ -17,8 +17,9 @@ class Progress:
     ``iteration``, ``steps``, ``total_steps``, ``wall_seconds``, ``steps_per_second``,
     ``collect_seconds``, ``update_seconds``, ``memory_mb`` (resident, of 10⁶ bytes), ``games`` (ended in this
     iteration), ``games_total``, ``window_games``, ``window_wins``, ``window_ties``, ``window_losses`` (the
-    last 1000 ended games, adversary's view), ``cause/<name>``, ``return/adversary``, ``return/victim``,
-    ``episode_length``, ``reward/<term>``, ``ppo/<name>``.
+    last 1000 ended games, adversary's view), ``window_cause/<name>`` (the same games), ``cause/<name>`` (of
+    this iteration), ``return/adversary``, ``return/victim`` (the game's reward, sparse and dense),
+    ``episode_length``, ``reward/<term>`` (training reward per step), ``ppo/<name>``.
     """
 
     def started(self, config: RunConfig, run_dir: Path, victim: str, steps_done: int) -> None:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from apil_core.api.policy import PolicyInfo
     from apil_core.config.observers import Observers
 
-_Score = TypeVar("_Score", bound="Circumstances")
+_Score = TypeVar("_Score", bound="MatchSetup")
 
 
 class PolicyId(BaseModel):
@@ -29,7 +29,7 @@ class PolicyId(BaseModel):
         return cls(name=info.name, sha256=info.sha256)
 
 
-class Circumstances(BaseModel):
+class MatchSetup(BaseModel):
     """Who played what against whom, and how: base of everything that reports played games."""
 
     model_config = EXACT
@@ -71,7 +71,7 @@ class Rate(BaseModel):
     high: float
 
 
-class EvaluationResult(Circumstances):
+class EvaluationResult(MatchSetup):
     """A score and all it depends on. ``wins`` and the like are the adversary's."""
 
     episodes: int

@@ -5,15 +5,15 @@ from __future__ import annotations
 import time
 from collections import Counter
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any
 
 from apil_core.api.config import BlindMode
 from apil_core.api.game import Game
-from apil_core.common.errors import ConfigError
 from apil_core.common.seeds import stream_seed
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.evaluation.blinding import check_blinding, make_blinding
-from apil_core.evaluation.pairing import Pairing, PairingOptions, circumstances, load_pairing
+from apil_core.evaluation.blinding import make_blinding
+from apil_core.evaluation.options import EvaluationOptions, PairingOptions
+from apil_core.evaluation.pairing import Pairing, load_pairing
 from apil_core.evaluation.play import EpisodeCounts, play
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult, wilson
@@ -56,7 +56,7 @@ def score(
     )
     return EvaluationResult(
         **_rates(counts, pairing.game, pairing.side),
-        **circumstances(pairing, seed),
+        **pairing.setup(seed),
         blind=blind,
         blind_imitator=blind_imitator,
         blind_victim=blind_victim,
@@ -85,41 +85,40 @@ def _rates(counts: EpisodeCounts, game: Game, adversary_side: int) -> dict[str, 
 
 def evaluate(
     adversary: Path | str,
+    options: PairingOptions | None = None,
     *,
-    episodes: int = 1000,
-    seed: int = 0,
-    num_envs: int | None = None,
-    blind: BlindMode | None = None,
-    blind_imitator: bool = False,
-    blind_victim: BlindMode | None = None,
     progress: Progress | None = None,
-    **options: Unpack[PairingOptions],
+    **changes: Any,
 ) -> EvaluationResult:
     """Score an adversary against a victim.
 
     Args:
         adversary: a run directory, or a policy name such as ``"zoo:kick-and-defend/defender/v1"``.
-        episodes: number of games.
-        seed: of the games and all draws.
-        num_envs: games in parallel (part of what a seed means); default 128 or ``episodes``.
-        blind: hide the opponent from the adversary: ``"zeros"``, or ``"initial"``, the mean of many starts.
-        blind_imitator: hide the opponent's observation and action from its methods too.
-        blind_victim: hide the adversary from the victim, likewise.
+        options: :class:`.evaluation.options.EvaluationOptions` say what there is; default: none are stated.
         progress: called as games end.
-        options: ``env``, ``victim``, ``victim_actions``, ``game_options`` and the like: see
-            :func:`apil_core.evaluation.pairing.load_pairing`.
+        changes: single options, over ``options``: ``episodes`` (1000), ``seed`` (0), ``env``, ``victim``,
+            ``victim_actions``, ``game_options``, ``num_envs`` (part of what a seed means; default 128 or
+            ``episodes``) and the like. ``blind`` hides the opponent from the adversary (``"zeros"``, or
+            ``"initial"``, the mean of many starting states), ``blind_imitator`` from its methods too;
+            ``blind_victim`` hides the adversary from the victim: what then is still won was not won by
+            what the victim saw of its adversary.
 
     Raises:
         ApilError: anything wrong with the names, files or sizes given.
     """
-    if episodes < 1:
-        raise ConfigError(f"episodes must be at least 1, got {episodes}")
-    check_blinding(blind, imitator=blind_imitator)
-    check_blinding(blind_victim, imitator=False)
-    games = min(episodes, MAX_PARALLEL_GAMES) if num_envs is None else num_envs
+    asked = EvaluationOptions.of(options, **changes)
+    games = asked.num_envs or min(asked.episodes, MAX_PARALLEL_GAMES)
     with (
-        load_pairing(adversary, num_envs=games, seed=seed, **options) as pairing,
+        load_pairing(adversary, asked, num_envs=games) as pairing,
         one_torch_thread(),
         pairing.attribution(),
     ):
-        return score(pairing, episodes, seed, blind, blind_imitator, blind_victim, progress)
+        return score(
+            pairing,
+            episodes=asked.episodes,
+            seed=asked.seed,
+            blind=asked.blind,
+            blind_imitator=asked.blind_imitator,
+            blind_victim=asked.blind_victim,
+            progress=progress,
+        )

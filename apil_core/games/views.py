@@ -228,7 +228,7 @@ class OpponentInsideEnv(gymnasium.Env[Array, Any]):
             raise ConfigError("OpponentInsideEnv needs an opponent: a policy or the name of one")
         if isinstance(opponent, str):
             from apil_core.plugins.registry import load_policy
-            from apil_core.policies.seats import full_name
+            from apil_core.policies.loading import full_name
 
             seat = self._game.layout.sides[1 - self._side]
             return load_policy(full_name(opponent, seat), seat=seat)

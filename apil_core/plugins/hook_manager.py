@@ -73,16 +73,16 @@ class RunHookManager:
         merged: dict[str, Any] = {}
         for answer in reversed(answers):  # pluggy lists the last registered first
             if not isinstance(answer, Mapping):
-                raise self.complaint(hook, f"must return a dict or None, got {type(answer).__name__}")
+                raise self.plugin_error(hook, f"must return a dict or None, got {type(answer).__name__}")
             for name, value in answer.items():
                 if not isinstance(name, str):
-                    raise self.complaint(hook, f"names must be strings, got {shown(name)}")
+                    raise self.plugin_error(hook, f"names must be strings, got {short_repr(name)}")
                 if name in merged:
-                    raise self.complaint(hook, f"{name!r} is returned twice; names must differ")
+                    raise self.plugin_error(hook, f"{name!r} is returned twice; names must differ")
                 merged[name] = value
         return merged
 
-    def fills(self, hook: str) -> bool:
+    def implements(self, hook: str) -> bool:
         """Whether any plugin of this run implements ``hook`` (to skip work that none would see)."""
         return bool(getattr(self.manager.hook, hook).get_hookimpls())
 
@@ -102,7 +102,7 @@ class RunHookManager:
             name: getattr(self.only(plugin), hook) for name, plugin in self.plugins.items() if name in fillers
         }
 
-    def complaint(self, hook: str, text: str, by: str | None = None) -> PluginError:
+    def plugin_error(self, hook: str, text: str, by: str | None = None) -> PluginError:
         """An error about what ``hook`` returned, with the name of the culprit or of all who fill it."""
         impls = getattr(self.manager.hook, hook).get_hookimpls()
         fillers = [by] if by else [impl.plugin_name for impl in impls]
@@ -131,15 +131,15 @@ class RunHookManager:
 
         label = f"{name!r} must be" if name else "must return"
         if not isinstance(value, torch.Tensor):
-            raise self.complaint(hook, f"{label} a tensor {shape} float32, got {shown(value)}", by)
+            raise self.plugin_error(hook, f"{label} a tensor {shape} float32, got {short_repr(value)}", by)
         if value.shape != shape or value.dtype != torch.float32:
             got = f"{tuple(value.shape)} {str(value.dtype).removeprefix('torch.')}"
-            raise self.complaint(hook, f"{label} {shape} float32, got {got}", by)
+            raise self.plugin_error(hook, f"{label} {shape} float32, got {got}", by)
         if self.device is not None and not _lives_on(value, self.device):
-            raise self.complaint(hook, f"{label} on {self.device}, got one on {value.device}", by)
+            raise self.plugin_error(hook, f"{label} on {self.device}, got one on {value.device}", by)
         value = value.detach() if value.requires_grad else value
         if not all_finite(value):
-            raise self.complaint(hook, f"{label} finite, got NaN or infinite values", by)
+            raise self.plugin_error(hook, f"{label} finite, got NaN or infinite values", by)
         return value
 
     def notes(self) -> list[str]:
@@ -174,7 +174,7 @@ class RunHookManager:
             if paths and outcome.exception is None:
                 asked = ", ".join(dict.fromkeys(i.plugin_name for i in implementations))
                 text = f"changed {paths[0]} in place; work on a copy, others are handed the same"
-                raise self.complaint(hook, text, asked)
+                raise self.plugin_error(hook, text, asked)
 
         undo = self.manager.add_hookcall_monitoring(keep, compare)
         self._watched = True
@@ -207,7 +207,7 @@ class RunHookManager:
         paths = [] if before is None else changed(before, {"rollout": rollout})
         if paths:
             text = f"changed {paths[0]} in place; work on a copy, others are handed the same"
-            raise self.complaint("update_auxiliary", text, name)
+            raise self.plugin_error("update_auxiliary", text, name)
         return {} if answer is None else self.merged([answer], "update_auxiliary")
 
     def only(self, plugin: Any) -> Any:
@@ -271,7 +271,7 @@ class RunHookManager:
         return found
 
 
-def shown(value: Any) -> str:
+def short_repr(value: Any) -> str:
     """A value in a message: short ones as they are, others by their type."""
     if isinstance(value, (str, int, float, type(None))):
         return reprlib.repr(value)

@@ -16,7 +16,7 @@ from apil_core.common.torch_threads import one_torch_thread
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import game_spec, load_policy, make_game
 from apil_core.policies.conformance import Conformance, examine
-from apil_core.policies.seats import full_name
+from apil_core.policies.loading import full_name
 
 GAMES = 128
 _SECONDS = 0.3

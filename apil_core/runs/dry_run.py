@@ -19,7 +19,7 @@ from apil_core.common.torch_threads import one_torch_thread
 from apil_core.config.resolve import complete
 from apil_core.evaluation.progress import Progress
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.policies.seats import load_victim
+from apil_core.policies.loading import load_victim
 from apil_core.runs.runner import prepared
 from apil_core.runs.score import score_in_training
 from apil_core.training.build import build

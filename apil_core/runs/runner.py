@@ -70,7 +70,7 @@ def run(
         made = RunDir.create(trainer.config, out, command, registry).path if world.is_main else None
         run_dir = RunDir(world.share(made) or "")
         with _held(run_dir, world):
-            return Session(trainer, run_dir, progress or Progress(), registry).go(teacher)
+            return Session(trainer, run_dir, progress or Progress(), registry).run(teacher)
 
 
 def prepared(config: RunConfig, plugins: PluginRegistry, world: World) -> tuple[Trainer, Policy | None]:
@@ -143,7 +143,7 @@ def resume(
         if config.steps != stored.steps:
             _note_changed_schedules(trainer, progress)
         log, scores = state.get("pending_rows", ()), state.get("evaluations", ())
-        return Session(trainer, directory, progress, registry, log, scores).go()
+        return Session(trainer, directory, progress, registry, log, scores).run()
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.evaluation.score import MAX_PARALLEL_GAMES, score
 from apil_core.plugins.registry import make_game
-from apil_core.policies.seats import run_victim
+from apil_core.policies.loading import run_victim
 from apil_core.training.build import adversary_policy, observing_alone
 from apil_core.training.trainer import Trainer
 

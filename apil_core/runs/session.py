@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
@@ -20,7 +20,7 @@ from apil_core.common.torch_threads import one_torch_thread
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.policies.seats import victim_name
+from apil_core.policies.loading import victim_name
 from apil_core.runs.best import EvaluationHistory
 from apil_core.runs.score import score_in_training
 from apil_core.runs.stop_signal import Stopped, StopWish
@@ -31,6 +31,9 @@ from apil_core.training.storage import checkpoint
 from apil_core.training.storage.metrics_log import Row, RowLog, iterations_per_row, open_recorders
 from apil_core.training.storage.run_dir import RunDir, part_of_rank
 from apil_core.training.trainer import Trainer
+
+_LONG = 3600.0
+"""Seconds of training left from which on a run says how long it will take."""
 
 
 class RunResult(BaseModel):
@@ -81,9 +84,10 @@ class Session:
         self.history = EvaluationHistory(evaluations if run_dir.best_path.is_file() else ())
         self.victim = victim_name(self.config, plugins)
         self._saved_iteration = -1
+        self._said = False
         self._wish = StopWish(progress)
 
-    def go(self, teacher: Policy | None = None) -> RunResult:
+    def run(self, teacher: Policy | None = None) -> RunResult:
         """Train until the budget is used up or somebody stops it; always leaves a checkpoint.
 
         Args:
@@ -91,7 +95,7 @@ class Session:
         """
         trainer, hooks = self.trainer, self.trainer.attack.hooks
         self.progress.started(self.config, self.run_dir.path, self.victim, trainer.steps)
-        for note in hooks.notes() if self.world.is_main else ():
+        for note in (*hooks.notes(), *self._costly_scores()) if self.world.is_main else ():
             self.progress.note(note)
         try:
             with hooks.attribution(), in_contact(), self._wish.listening(), one_torch_thread():
@@ -120,6 +124,29 @@ class Session:
         self.save()
         with suppress(Stopped):
             self.progress.note(beside_teacher(self.trainer, teacher, self._wish.progress))
+
+    def _costly_scores(self) -> Iterator[str]:
+        """A line where playing for scores may take longer than the training that is left."""
+        trainer, wanted = self.trainer, self.config.evaluation
+        left, longest = trainer.total_steps - trainer.steps, trainer.layout.max_steps
+        on_the_way = left // wanted.every_steps * wanted.periodic_episodes if wanted.every_steps else 0
+        steps = (wanted.episodes + on_the_way) * longest
+        if steps > left:
+            yield (
+                f"scores may cost more than the training: {wanted.episodes + on_the_way:,} games of up to "
+                f"{longest:,} steps, for {left:,} steps of training (evaluation.episodes, "
+                "evaluation.every_steps)"
+            )
+
+    def _say_how_long(self, metrics: dict[str, float]) -> None:
+        """After the first iteration of a session: a line where the rest takes hours."""
+        speed = metrics["steps_per_second"]
+        seconds = (metrics["total_steps"] - metrics["steps"]) / speed
+        if seconds > _LONG:
+            self.progress.note(
+                f"about {seconds / 3600:.1f} hours to go at {speed:,.0f} steps/s; Ctrl-C leaves a "
+                f"checkpoint, and {self.world.command} resume {self.run_dir.path} goes on"
+            )
 
     @property
     def _hook(self) -> Any:
@@ -174,6 +201,9 @@ class Session:
             metrics.update(_evaluation_metrics(self._evaluate_on_the_way()))
         self.log.record(metrics, trainer.steps - before)
         self.progress.iteration(metrics)
+        if not self._said:
+            self._say_how_long(metrics)
+            self._said = True
         trainer.hook.iteration_finished(run=trainer, metrics=metrics)
         if self.history.best is not best:
             checkpoint.save(self.run_dir.best_path, self._state())

@@ -20,7 +20,7 @@ from apil_core.common.errors import ConfigError
 from apil_core.common.seeds import stream_generator, stream_seed
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult
-from apil_core.policies.seats import Taking, load_victim
+from apil_core.policies.loading import LoadOptions, load_victim
 from apil_core.runs.distillation.build import spread_of
 
 if TYPE_CHECKING:
@@ -55,8 +55,8 @@ def load_teacher(trainer: Trainer, name: str) -> Policy:
             f"init_from: cloning {name} takes init_steps ({config.init_steps:,}) of the run's steps "
             f"({config.steps:,}), which leaves none; set init_steps or steps"
         )
-    taking = Taking(config.trust, stream_seed(config.seed, "warm start"), second=True)
-    teacher = load_victim(name, trainer.attack.game, side, config.device, trainer.plugins, taking)
+    load_options = LoadOptions(config.trust, stream_seed(config.seed, "warm start"), second=True)
+    teacher = load_victim(name, trainer.attack.game, side, config.device, trainer.plugins, load_options)
     spread_of(teacher, seats[side], seats[1 - side], trainer.device)
     return teacher
 

@@ -15,7 +15,7 @@ from apil_core.api.method import Method
 from apil_core.config.resolve import complete
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.registry import make_game
-from apil_core.policies.seats import victim_side
+from apil_core.policies.loading import victim_side
 from apil_core.testing import companions
 from apil_core.testing.checks import METHOD_CHECKS, ContractError, reported_as
 from apil_core.testing.hook_spy import HookSpy, spied_hooks

@@ -147,7 +147,7 @@ def train(
             trainer.load_state_dict(state)
             pending = state.get("pending_rows", ())
         run_dir = RunDir.create(trainer.config, out, (), registry)
-        Session(trainer, run_dir, Progress(), registry, pending).go()
+        Session(trainer, run_dir, Progress(), registry, pending).run()
     return trainer
 
 

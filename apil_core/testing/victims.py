@@ -22,7 +22,7 @@ from apil_core.evaluation.score import evaluate
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
 from apil_core.policies.conformance import examine
-from apil_core.policies.seats import Taking, load_victim
+from apil_core.policies.loading import LoadOptions, load_victim
 from apil_core.testing.checks import VICTIM_CHECKS, ContractError, reported_as
 from apil_core.testing.method_under_test import registry_with
 from apil_core.testing.reports import VictimReport
@@ -59,7 +59,7 @@ class Candidate:
     def load(self, name: str) -> Policy:
         """The policy of that name in the seat, trusted: its author is asking."""
         with reported_as(self.who, VICTIM_CHECKS["load"]):
-            return load_victim(name, self.game, self.side, "cpu", self.registry, Taking(trust=True))
+            return load_victim(name, self.game, self.side, "cpu", self.registry, LoadOptions(trust=True))
 
 
 def check_victim(

@@ -13,7 +13,7 @@ from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.api.types import OWN_GROUP, PRIVILEGED_GROUP, Context, Decision, View
 from apil_core.common.errors import PluginError
 from apil_core.common.seeds import stream_seed
-from apil_core.plugins.hook_manager import RunHookManager, shown
+from apil_core.plugins.hook_manager import RunHookManager, short_repr
 from apil_core.training.normalize import ObservationNormalizer
 from apil_core.training.ppo import Actor
 
@@ -99,12 +99,12 @@ class ObservationBuilder(nn.Module):
 
     def _width(self, name: str, value: Any) -> int:
         if not isinstance(value, Tensor) or value.ndim != 2:
-            got = tuple(value.shape) if isinstance(value, Tensor) else shown(value)
+            got = tuple(value.shape) if isinstance(value, Tensor) else short_repr(value)
             raise self._complaint(f"{name!r} must have shape (num_envs, k), got {got}")
         return value.shape[1]
 
     def _complaint(self, text: str) -> PluginError:
-        return self._hooks.complaint("extend_observation", text)
+        return self._hooks.plugin_error("extend_observation", text)
 
 
 class AdversaryPolicy(Policy):

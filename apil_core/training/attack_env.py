@@ -126,7 +126,7 @@ class AttackEnv:
         }
         seen = ObservationFilter(hooks, {c.side: c for c in self.contexts.values()})
         self._games = TwoPlayerGames(game, self.device, seen)
-        self._shapes = learning and hooks.fills("shape_reward")
+        self._shapes = learning and hooks.implements("shape_reward")
         self._pending: Pending | None = None
 
     def _context(self, role: Any, side: int, generator: torch.Generator) -> Context:
@@ -232,7 +232,7 @@ class AttackEnv:
             raise PluginError(f"game {self.config.env!r} gives NaN or infinite rewards")
         taken = terms.keys() & _OWN_TERMS
         if taken:
-            raise self.hooks.complaint("shape_reward", f"the name {min(taken)!r} is taken; choose another")
+            raise self.hooks.plugin_error("shape_reward", f"the name {min(taken)!r} is taken; choose another")
         self.stats.add(step, {"adversary": step.reward, "victim": step.victim_reward, **terms})
         if not self.config.reward.normalize:
             return total

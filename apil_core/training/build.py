@@ -19,7 +19,7 @@ from apil_core.common.torch_threads import one_torch_thread
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.registry import build_methods, build_observers, game_spec, make_game
-from apil_core.policies.seats import pinned, run_victim, victim_side
+from apil_core.policies.loading import pinned, run_victim, victim_side
 from apil_core.training.adversary import HOOK_STREAM, AdversaryPolicy, ObservationBuilder
 from apil_core.training.attack_env import AttackEnv
 from apil_core.training.distributed.world import ALONE, World
@@ -29,7 +29,7 @@ from apil_core.training.rewards import resolve_weights
 
 
 @dataclass
-class Attack:
+class RunParts:
     """The parts of a run, wired together."""
 
     config: RunConfig
@@ -124,7 +124,7 @@ def build(
     plugins: PluginRegistry,
     manager: type[RunHookManager] = RunHookManager,
     world: World = ALONE,
-) -> Attack:
+) -> RunParts:
     """Make everything a run needs; seeds torch's global generator, which PPO draws from.
 
     Args:
@@ -167,7 +167,7 @@ def build(
     learner = Learner(actor, example, env.buffer, config.ppo, device, world, game.layout.max_steps)
     if not world.is_main:  # the networks are made: from here on, draws of its own
         torch.manual_seed(seed)
-    return Attack(
+    return RunParts(
         config, game, victim, 1 - attacked, methods, hooks, builder, streams, env, actor, learner, world
     )
 

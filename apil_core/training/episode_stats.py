@@ -17,6 +17,8 @@ WINDOW = 1000
 class EpisodeStats:
     """Outcomes, returns and lengths of ended games, from the adversary's point of view.
 
+    Returns are sums of the game's own reward, sparse and dense, as everywhere; not of the training reward.
+
     Args:
         num_envs: number of games.
         causes: names of endings.
@@ -29,12 +31,12 @@ class EpisodeStats:
         self._returns = torch.zeros(2, num_envs, dtype=torch.float64, device=device)
         self._length = torch.zeros(num_envs, dtype=torch.int64, device=device)
         self._window: list[int] = []
+        self._window_causes: list[int] = []
         self._clear()
 
     def add(self, step: StepBatch, terms: Mapping[str, Tensor]) -> None:
         """Take in one vectorised step and its named reward terms, each (n,)."""
-        self._returns[0] += step.reward
-        self._returns[1] += step.victim_reward
+        self._returns += step.sparse + step.dense
         self._length += 1
         self._steps += 1
         self._uneven += (step.reward + step.victim_reward).abs().gt(1e-6).float().mean()
@@ -48,7 +50,9 @@ class EpisodeStats:
         outcomes = step.outcome[done].tolist()
         self.games_total += len(outcomes)
         self._window = (self._window + outcomes)[-WINDOW:]
-        self._cause_counts += torch.bincount(step.cause[done].long().cpu(), minlength=len(self.causes))
+        causes = step.cause[done].long().cpu()
+        self._window_causes = (self._window_causes + causes.tolist())[-WINDOW:]
+        self._cause_counts += torch.bincount(causes, minlength=len(self.causes))
         self._ended.append(torch.cat([self._returns[:, done], self._length[done].unsqueeze(0)]).cpu())
         self._returns[:, done] = 0.0
         self._length[done] = 0
@@ -71,8 +75,9 @@ class EpisodeStats:
             ).tolist()
         for name, total in self._terms.items():
             result[f"reward/{name}"] = float(total) / max(self._steps, 1)
-        for name, count in zip(self.causes, self._cause_counts.tolist(), strict=True):
+        for i, (name, count) in enumerate(zip(self.causes, self._cause_counts.tolist(), strict=True)):
             result[f"cause/{name}"] = count
+            result[f"window_cause/{name}"] = self._window_causes.count(i)
         self._clear()
         return result
 
@@ -90,6 +95,7 @@ class EpisodeStats:
             "returns": self._returns.clone(),
             "length": self._length.clone(),
             "window": torch.tensor(self._window, dtype=torch.int8),
+            "window_causes": torch.tensor(self._window_causes, dtype=torch.int16),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -98,3 +104,5 @@ class EpisodeStats:
         self._returns.copy_(state["returns"])
         self._length.copy_(state["length"])
         self._window = state["window"].tolist()
+        causes = state.get("window_causes")  # checkpoints from before they were kept have none
+        self._window_causes = [] if causes is None else causes.tolist()

@@ -10,7 +10,7 @@ from apil_core.api.policy import Policy
 from apil_core.api.types import Rollout
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.training.attack_env import AttackEnv
-from apil_core.training.build import Attack, seeded_games
+from apil_core.training.build import RunParts, seeded_games
 from apil_core.training.rollout_buffer import RolloutBuffer
 
 
@@ -22,7 +22,7 @@ class SideGames:
         plugins: to build the games from.
     """
 
-    def __init__(self, attack: Attack, plugins: PluginRegistry):
+    def __init__(self, attack: RunParts, plugins: PluginRegistry):
         self._attack = attack
         self._plugins = plugins
         self._env: AttackEnv | None = None

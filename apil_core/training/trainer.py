@@ -17,8 +17,8 @@ from apil_core.common.errors import PluginError
 from apil_core.common.machine import usable_cpus
 from apil_core.common.torch_threads import side_by_side
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.plugins.hook_manager import shown
-from apil_core.training.build import Attack
+from apil_core.plugins.hook_manager import short_repr
+from apil_core.training.build import RunParts
 from apil_core.training.distributed.replicas import Replicas
 from apil_core.training.plugin_state import load_known_states, load_states, states_of
 from apil_core.training.ppo import MAIN_STREAM
@@ -36,7 +36,7 @@ class Trainer:
         plugins: for building side games.
     """
 
-    def __init__(self, attack: Attack, plugins: PluginRegistry):
+    def __init__(self, attack: RunParts, plugins: PluginRegistry):
         self.attack = attack
         self.plugins = plugins
         self.config = attack.config
@@ -175,10 +175,10 @@ class Trainer:
         answers = hooks.hook.finish_rollout(run=self, rollout=rollout)
         streams = hooks.merged(answers, "finish_rollout")
         if MAIN_STREAM in streams:
-            raise hooks.complaint("finish_rollout", f"the name {MAIN_STREAM!r} is taken; choose another")
+            raise hooks.plugin_error("finish_rollout", f"the name {MAIN_STREAM!r} is taken; choose another")
         if critics and streams.keys() != critics.keys():
             text = f"streams changed from {sorted(critics)} to {sorted(streams)}"
-            raise hooks.complaint("finish_rollout", text)
+            raise hooks.plugin_error("finish_rollout", text)
         shape = tuple(rollout.done.shape)
         return {name: hooks.checked("finish_rollout", name, v, shape) for name, v in streams.items()}
 
@@ -278,6 +278,6 @@ def _named(plugin: str, answer: Mapping[str, Any]) -> dict[str, float]:
         try:
             metrics[f"{plugin}/{key}"] = float(value)
         except (TypeError, ValueError) as error:
-            text = f"update_auxiliary: {key!r} must be a number, got {shown(value)}"
+            text = f"update_auxiliary: {key!r} must be a number, got {short_repr(value)}"
             raise PluginError(f"plugin {plugin!r}: {text}") from error
     return metrics

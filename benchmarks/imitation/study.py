@@ -26,7 +26,7 @@ from apil_core.api.types import Rollout
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.config.resolve import resolve
 from apil_core.plugins.registry import default_plugins
-from apil_core.policies.seats import victim_side
+from apil_core.policies.loading import victim_side
 from apil_core.training.build import build_hooks, method_setup
 
 KEPT = (

@@ -10,7 +10,7 @@ from apil_core.api.config import PPOConfig
 from apil_core.common.errors import ConfigError
 from apil_core.plugins.default_victim import default_victim
 from apil_core.plugins.registry import default_plugins, game_spec
-from apil_core.training.build import Attack, build
+from apil_core.training.build import RunParts, build
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Task:
             ppo=PPOConfig(num_steps=self.steps_each(self.num_envs)),
         )
 
-    def attack(self, method: str) -> Attack:
+    def attack(self, method: str) -> RunParts:
         """Its parts."""
         return build(self.config(method), default_plugins())
 

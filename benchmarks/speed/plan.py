@@ -18,7 +18,7 @@ from apil_core.config.layers import preset_names
 from apil_core.config.resolve import resolve
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import options_model
-from apil_core.policies.seats import victim_name
+from apil_core.policies.loading import victim_name
 
 from .report import LEVELS, Level
 

@@ -11,8 +11,8 @@ from apil_core.api.types import Rollout
 from apil_core.games.two_players import TwoPlayerGames
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
-from apil_core.policies.seats import run_victim
-from apil_core.training.build import Attack
+from apil_core.policies.loading import run_victim
+from apil_core.training.build import RunParts
 
 from .training import Start
 
@@ -25,7 +25,7 @@ class Replay:
         plugins: to build them from.
     """
 
-    def __init__(self, attack: Attack, plugins: PluginRegistry):
+    def __init__(self, attack: RunParts, plugins: PluginRegistry):
         config = attack.config
         self._attack = attack
         self._side = attack.adversary_side

@@ -12,7 +12,7 @@ import psutil
 
 from apil_core.studies.bench.cells import resolve_matrix
 from apil_core.studies.bench.folder import BenchDir, read_score
-from apil_core.studies.bench.jobs import Ledger, make_jobs
+from apil_core.studies.bench.jobs import JobStatus, make_jobs
 from apil_core.studies.bench.matrix import Matrix
 from apil_core.studies.bench.work import Outcome, perform
 from apil_core.training.storage.recorders import read_metrics
@@ -39,12 +39,12 @@ def small_matrix(**changes: Any) -> Matrix:
     return Matrix(**{**base, **changes})
 
 
-def made(root: Path, matrix: Matrix) -> Ledger:
+def made(root: Path, matrix: Matrix) -> JobStatus:
     """A benchmark's directory in which nothing is done yet."""
     benchmark = resolve_matrix(matrix)
     bench = BenchDir(root)
     bench.write_matrix(benchmark.matrix)
-    return Ledger(bench, benchmark)
+    return JobStatus(bench, benchmark)
 
 
 class Here:
@@ -68,37 +68,37 @@ class Here:
         pass
 
 
-def undisturbed(root: Path, matrix: Matrix) -> Ledger:
+def undisturbed(root: Path, matrix: Matrix) -> JobStatus:
     """The same benchmark done in one go."""
-    ledger = made(root, matrix)
-    for job in make_jobs(ledger.benchmark):
+    status = made(root, matrix)
+    for job in make_jobs(status.benchmark):
         assert perform(root, job.name) == "done"
-    return ledger
+    return status
 
 
-def outcome(ledger: Ledger) -> dict[str, Any]:
+def outcome(status: JobStatus) -> dict[str, Any]:
     """All a benchmark's cells have learnt and scored, timings aside; rows in the order of the file."""
     found: dict[str, Any] = {}
-    for name in ledger.cells:
-        run = ledger.bench.cell(name)
+    for name in status.cells:
+        run = status.bench.cell(name)
         rows = [{k: v for k, v in row.items() if k not in TIMINGS} for row in read_metrics(run.metrics_path)]
         score = read_score(run.path, "plain")
         found[name] = (rows, score.wins, score.ties, score.losses)
     return found
 
 
-def rows_of(ledger: Ledger, job: str) -> int:
+def rows_of(status: JobStatus, job: str) -> int:
     """Lines of a cell's log so far."""
-    path = ledger.bench.cell(job.partition("/")[2]).metrics_path
+    path = status.bench.cell(job.partition("/")[2]).metrics_path
     return path.read_text().count("\n") if path.is_file() else 0
 
 
-def process_of(ledger: Ledger, job: str) -> psutil.Process:
+def process_of(status: JobStatus, job: str) -> psutil.Process:
     """The process that is at a job now."""
     found = []
     for process in psutil.process_iter(["cmdline"]):
         words = process.info["cmdline"] or []
-        if job in words and "work" in words and str(ledger.bench.path) in words:
+        if job in words and "work" in words and str(status.bench.path) in words:
             found.append(process)
     assert len(found) == 1, f"{len(found)} processes are at {job}"
     return found[0]

@@ -19,7 +19,7 @@ from apil_core.cli import main
 from apil_core.studies.bench.cells import resolve_matrix
 from apil_core.studies.bench.executor import LocalProcesses
 from apil_core.studies.bench.folder import BenchDir, score_path
-from apil_core.studies.bench.jobs import Ledger, make_jobs
+from apil_core.studies.bench.jobs import JobStatus, make_jobs
 from apil_core.studies.bench.schedule import Watch, run_jobs
 from apil_core.studies.bench.work import perform
 from apil_core.training.storage.recorders import read_metrics
@@ -33,21 +33,21 @@ FIRST, SECOND = "cells/toy-pursuit/adrl/s0", "cells/toy-pursuit/apl/s0"
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A benchmark of one cell, done."""
-    ledger = undisturbed(tmp_path_factory.mktemp("finished") / "b", small_matrix())
-    return ledger.bench.path
+    status = undisturbed(tmp_path_factory.mktemp("finished") / "b", small_matrix())
+    return status.bench.path
 
 
 @pytest.fixture
-def done(finished: Path, tmp_path: Path) -> Ledger:
+def done(finished: Path, tmp_path: Path) -> JobStatus:
     """A copy of it to do things to."""
     shutil.copytree(finished, tmp_path / "b")
-    return Ledger(BenchDir(tmp_path / "b"), resolve_matrix(small_matrix()))
+    return JobStatus(BenchDir(tmp_path / "b"), resolve_matrix(small_matrix()))
 
 
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
     """``apil bench run`` does its jobs in this process: what they do is the same, and quicker begun."""
-    monkeypatch.setattr("apil_core.cli.bench_run._executor", lambda kind, root, *rest: Here(root))
+    monkeypatch.setattr("apil_core.cli.bench_run.Placement.start", lambda where, root: Here(root))
 
 
 def call(*words: Any) -> int:
@@ -62,7 +62,7 @@ def written(path: Path, matrix: Any) -> Path:
     return path
 
 
-def test_a_job_does_what_is_missing_and_no_more(done: Ledger):
+def test_a_job_does_what_is_missing_and_no_more(done: JobStatus):
     job = make_jobs(done.benchmark)[0]
     assert job.name == CELL
     assert done.is_done(job)
@@ -86,7 +86,7 @@ def test_a_job_does_what_is_missing_and_no_more(done: Ledger):
         more.is_done(job)
 
 
-def test_a_job_waits_for_a_process_that_is_still_at_it(done: Ledger, monkeypatch: pytest.MonkeyPatch):
+def test_a_job_waits_for_a_process_that_is_still_at_it(done: JobStatus, monkeypatch: pytest.MonkeyPatch):
     """One whose supervisor died, and that is writing its last checkpoint."""
     from apil_core.common.errors import RunDirError
     from apil_core.studies.bench import work
@@ -106,7 +106,7 @@ def test_a_job_waits_for_a_process_that_is_still_at_it(done: Ledger, monkeypatch
     assert done.bench.failure(CELL) == ""
 
 
-def test_other_settings_are_refused(done: Ledger, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_other_settings_are_refused(done: JobStatus, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     changed = small_matrix(config={**small_matrix().config, "num_envs": 16})
     path = written(tmp_path / "changed.yaml", changed)
     assert call(path, "--out", done.bench.path, "--quiet") == 2
@@ -182,12 +182,12 @@ def test_killed_and_stopped_anywhere_it_ends_like_one_that_was_not(
     """One job's process is killed, the next is going when the scheduler gets SIGTERM; then it goes on."""
     root = tmp_path / "broken"
     path = written(tmp_path / "m.yaml", LONG)
-    ledger = Ledger(BenchDir(root), resolve_matrix(LONG))
+    status = JobStatus(BenchDir(root), resolve_matrix(LONG))
 
     def disturb() -> None:
-        until(lambda: rows_of(ledger, FIRST) >= 2)
-        process_of(ledger, FIRST).kill()
-        until(lambda: rows_of(ledger, SECOND) >= 2)
+        until(lambda: rows_of(status, FIRST) >= 2)
+        process_of(status, FIRST).kill()
+        until(lambda: rows_of(status, SECOND) >= 2)
         os.kill(os.getpid(), signal.SIGTERM)
 
     thread = threading.Thread(target=disturb)
@@ -201,21 +201,21 @@ def test_killed_and_stopped_anywhere_it_ends_like_one_that_was_not(
     assert told["failures"] == {FIRST: "its process was ended by SIGKILL, perhaps for want of memory"}
     assert "stopping: what runs finishes its iteration" in captured.err
     assert f"go on with: apil bench run {root}" in captured.err
-    stopped = ledger.bench.cell(SECOND.partition("/")[2])
+    stopped = status.bench.cell(SECOND.partition("/")[2])
     assert stopped.summary()["status"] == "interrupted"
     # its checkpoint is that of its last row: nothing of what it had learnt is learnt again
-    assert stopped.newest_checkpoint() == stopped.checkpoint_path(rows_of(ledger, SECOND))
+    assert stopped.newest_checkpoint() == stopped.checkpoint_path(rows_of(status, SECOND))
 
     request.getfixturevalue("here")
     assert call(root, "--json") == 0  # the directory is enough
     assert json.loads(capsys.readouterr().out)["jobs"] == {FIRST: "done", SECOND: "done"}
-    assert outcome(ledger) == outcome(undisturbed(tmp_path / "whole", LONG))
+    assert outcome(status) == outcome(undisturbed(tmp_path / "whole", LONG))
     assert call(root, "--json") == 0
     assert json.loads(capsys.readouterr().out)["kept"] == [FIRST, SECOND]
 
 
 def test_stopped_while_the_first_job_begins_and_others_queue(tmp_path: Path):
-    ledger = made(tmp_path / "b", small_matrix(methods=["adrl", "apl", "apil"]))
+    status = made(tmp_path / "b", small_matrix(methods=["adrl", "apl", "apil"]))
 
     class Press(Watch):
         pressed = False
@@ -225,53 +225,55 @@ def test_stopped_while_the_first_job_begins_and_others_queue(tmp_path: Path):
                 self.pressed = True
                 os.kill(os.getpid(), signal.SIGINT)
 
-    jobs = make_jobs(ledger.benchmark)
-    with closing(LocalProcesses(ledger.bench.path, 1, 1)) as executor:
-        course = run_jobs(jobs, ledger, executor, Press())
+    jobs = make_jobs(status.benchmark)
+    with closing(LocalProcesses(status.bench.path, 1, 1)) as executor:
+        course = run_jobs(jobs, status, executor, Press())
     assert course.interrupted
     assert list(course.states.values()) == ["interrupted", "waiting", "waiting"]
-    assert [ledger.bench.failure(job.name) for job in jobs] == ["", "", ""]
+    assert [status.bench.failure(job.name) for job in jobs] == ["", "", ""]
 
 
 def test_a_second_ctrl_c_ends_jobs_at_once(tmp_path: Path):
     """A job in a process that does not listen: only a kill ends it."""
     from apil_core.studies.bench.supervised import SupervisedJob
 
-    ledger = made(tmp_path / "b", small_matrix())
-    with SupervisedJob(ledger.bench.path, CELL, 1) as job:
+    status = made(tmp_path / "b", small_matrix())
+    with SupervisedJob(status.bench.path, CELL, 1) as job:
         os.kill(job._process.pid, signal.SIGSTOP)
         job.stop()
         assert job._process.poll() is None
         job.stop()
         assert job.wait() == "interrupted"
-    assert ledger.bench.failure(CELL) == ""
+    assert status.bench.failure(CELL) == ""
 
 
 @pytest.mark.slow
 def test_a_job_stops_with_a_checkpoint_when_its_supervisor_is_killed(tmp_path: Path):
     """And hears it although Ctrl-C is blocked where it was started, as it is in Ray's workers."""
     steps = 4000 * 512
-    ledger = made(tmp_path / "b", small_matrix(steps=steps))
-    name = make_jobs(ledger.benchmark)[0].name
+    status = made(tmp_path / "b", small_matrix(steps=steps))
+    name = make_jobs(status.benchmark)[0].name
     code = (
         "import signal, sys; from pathlib import Path\n"
         "from apil_core.studies.bench.executor import LocalProcesses\n"
         "signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})\n"
         "LocalProcesses(Path(sys.argv[1]), 1, 1).submit(sys.argv[2]).result()"
     )
-    supervisor = subprocess.Popen([sys.executable, "-c", code, str(ledger.bench.path), name])
-    until(lambda: rows_of(ledger, name) >= 2)
-    process = process_of(ledger, name)
+    supervisor = subprocess.Popen([sys.executable, "-c", code, str(status.bench.path), name])
+    until(lambda: rows_of(status, name) >= 2)
+    process = process_of(status, name)
     supervisor.kill()
     supervisor.wait()
     until(lambda: not process.is_running())
-    run = ledger.bench.cell(name.partition("/")[2])
+    run = status.bench.cell(name.partition("/")[2])
     assert run.summary()["status"] == "interrupted"
     assert run.newest_checkpoint().is_file()
 
 
 @pytest.mark.slow
-def test_a_dry_run_of_a_half_done_benchmark(done: Ledger, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_dry_run_of_a_half_done_benchmark(
+    done: JobStatus, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     path = written(tmp_path / "m.yaml", small_matrix(methods=["adrl", "apl"], snapshots={"pictures": 2}))
     before = sorted(done.bench.path.rglob("*"))
     words = (path, "--out", done.bench.path, "--dry-run", "--workers", 2, "--quiet")
@@ -296,7 +298,7 @@ def test_a_dry_run_of_a_half_done_benchmark(done: Ledger, tmp_path: Path, capsys
     assert sorted(done.bench.path.rglob("*")) == before, "a dry run wrote something"
 
 
-def test_the_live_table_shows_what_runs(done: Ledger, monkeypatch: pytest.MonkeyPatch):
+def test_the_live_table_shows_what_runs(done: JobStatus, monkeypatch: pytest.MonkeyPatch):
     from rich.console import Console
 
     from apil_core.cli import bench_table
@@ -320,7 +322,7 @@ def test_the_live_table_shows_what_runs(done: Ledger, monkeypatch: pytest.Monkey
     assert "once more: at once" in shown
 
 
-def test_mistakes_are_one_line(done: Ledger, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_mistakes_are_one_line(done: JobStatus, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     def told(code: int, *words: Any) -> str:
         assert call(*words, "--quiet") == code
         (line,) = capsys.readouterr().err.splitlines()

@@ -13,7 +13,7 @@ from apil_core.common.numbers import whole_number
 from apil_core.evaluation.crossplay.document import CrossPlay
 from apil_core.studies.bench.cells import resolve_matrix
 from apil_core.studies.bench.folder import BenchDir, read_crossplay
-from apil_core.studies.bench.jobs import Ledger, make_jobs
+from apil_core.studies.bench.jobs import JobStatus, make_jobs
 from apil_core.studies.bench.matrix import Matrix, RetrainingStage, load_matrix
 from apil_core.studies.bench.players import with_full_names
 from apil_core.studies.bench.schedule import run_jobs
@@ -32,7 +32,7 @@ def run(root: Path, **changes: Any) -> CrossPlay | None:
     bench = BenchDir(root)
     benchmark = _same_as_stored(bench, resolve_matrix(matrix(**changes)))
     bench.write_matrix(benchmark.matrix)
-    course = run_jobs(make_jobs(benchmark), Ledger(bench, benchmark), Here(root))
+    course = run_jobs(make_jobs(benchmark), JobStatus(bench, benchmark), Here(root))
     assert set(course.states.values()) == {"done"}
     return read_crossplay(bench, GAME)
 

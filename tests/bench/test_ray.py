@@ -18,10 +18,10 @@ import psutil
 import pytest
 
 from apil_core import ApilError
-from apil_core.studies.bench.jobs import Ledger, make_jobs
+from apil_core.studies.bench.jobs import JobStatus, make_jobs
 from apil_core.studies.bench.ray_cluster import connect, slots
 from apil_core.studies.bench.ray_executor import RayExecutor, _work
-from apil_core.studies.bench.schedule import Course, run_jobs
+from apil_core.studies.bench.schedule import BenchResult, run_jobs
 from bench.small_matrix import made, outcome, process_of, rows_of, small_matrix, undisturbed, until
 
 pytest.importorskip("ray", reason="Ray is not installed (pip install 'apil[ray]')")
@@ -50,12 +50,12 @@ def cluster() -> Iterator[Any]:
 
 
 def go(
-    ledger: Ledger, address: str | None, meanwhile: Callable[[], None], workers: int | None = None
-) -> Course:
+    status: JobStatus, address: str | None, meanwhile: Callable[[], None], workers: int | None = None
+) -> BenchResult:
     thread = threading.Thread(target=meanwhile)
-    with closing(RayExecutor(ledger.bench.path, workers, 1, address)) as executor:
+    with closing(RayExecutor(status.bench.path, workers, 1, address)) as executor:
         thread.start()
-        course = run_jobs(make_jobs(ledger.benchmark), ledger, executor)
+        course = run_jobs(make_jobs(status.benchmark), status, executor)
     thread.join()
     return course
 
@@ -82,56 +82,56 @@ def test_two_cells_on_a_cluster_of_this_machine(tmp_path: Path):
 def test_a_killed_worker_is_replaced_and_nothing_is_run_twice(
     tmp_path: Path, cluster: Any, capsys: pytest.CaptureFixture[str]
 ):
-    ledger = made(tmp_path / "b", TWO)
+    status = made(tmp_path / "b", TWO)
     killed: list[int] = []
 
     def kill() -> None:
-        until(lambda: rows_of(ledger, FIRST) >= 3)
-        worker = process_of(ledger, FIRST).parent()
+        until(lambda: rows_of(status, FIRST) >= 3)
+        worker = process_of(status, FIRST).parent()
         assert worker is not None
         assert worker.name().startswith("ray::")
         worker.kill()
         killed.append(worker.pid)
 
-    course = go(ledger, cluster.address, kill)
+    course = go(status, cluster.address, kill)
     assert course.states == {FIRST: "done", SECOND: "done"}
     assert len(killed) == 1
     assert capsys.readouterr().out == ""  # stdout is for --json; Ray says there that a worker was lost
-    sessions = ledger.bench.cell(FIRST.partition("/")[2])._read_json(
-        ledger.bench.cell(FIRST.partition("/")[2]).environment_path
+    sessions = status.bench.cell(FIRST.partition("/")[2])._read_json(
+        status.bench.cell(FIRST.partition("/")[2]).environment_path
     )
     assert len(sessions) == 2
-    assert outcome(ledger) == outcome(undisturbed(tmp_path / "whole", TWO))
+    assert outcome(status) == outcome(undisturbed(tmp_path / "whole", TWO))
 
 
 @pytest.mark.slow
 def test_a_lost_node_likewise(tmp_path: Path, cluster: Any):
-    ledger = made(tmp_path / "b", TWO)
+    status = made(tmp_path / "b", TWO)
 
     def lose() -> None:
-        until(lambda: rows_of(ledger, FIRST) >= 3)
-        worker = process_of(ledger, FIRST).parent()
+        until(lambda: rows_of(status, FIRST) >= 3)
+        worker = process_of(status, FIRST).parent()
         assert worker is not None
         raylets = {p.process.pid: n for n in cluster.worker_nodes for p in n.all_processes["raylet"]}
         cluster.remove_node(raylets[worker.ppid()], allow_graceful=False)
 
-    course = go(ledger, cluster.address, lose)
+    course = go(status, cluster.address, lose)
     assert course.states == {FIRST: "done", SECOND: "done"}
     assert len(cluster.worker_nodes) == 1
-    assert outcome(ledger) == outcome(undisturbed(tmp_path / "whole", TWO))
+    assert outcome(status) == outcome(undisturbed(tmp_path / "whole", TWO))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("presses", [1, 2])
 def test_ctrl_c_stops_with_checkpoints_and_twice_at_once(tmp_path: Path, cluster: Any, presses: int):
     steps = 4000 * 512
-    ledger = made(tmp_path / "b", small_matrix(methods=["adrl", "apl"], steps=steps))
-    jobs = [job.name for job in make_jobs(ledger.benchmark)]
+    status = made(tmp_path / "b", small_matrix(methods=["adrl", "apl"], steps=steps))
+    jobs = [job.name for job in make_jobs(status.benchmark)]
     processes: list[psutil.Process] = []
 
     def press() -> None:
-        until(lambda: all(rows_of(ledger, job) >= 2 for job in jobs))
-        processes.extend(process_of(ledger, job) for job in jobs)
+        until(lambda: all(rows_of(status, job) >= 2 for job in jobs))
+        processes.extend(process_of(status, job) for job in jobs)
         if presses == 2:  # as if they did not listen: nothing but a kill ends them
             for process in processes:
                 process.suspend()
@@ -139,16 +139,16 @@ def test_ctrl_c_stops_with_checkpoints_and_twice_at_once(tmp_path: Path, cluster
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(2.0)  # two signals at once are one
 
-    course = go(ledger, cluster.address, press)
+    course = go(status, cluster.address, press)
     assert course.interrupted
     assert set(course.states.values()) == {"interrupted"}
     assert not any(process.is_running() for process in processes)
     for job in jobs:
-        run = ledger.bench.cell(job.partition("/")[2])
+        run = status.bench.cell(job.partition("/")[2])
         assert run.newest_checkpoint().is_file()
         if presses == 1:
             assert run.summary()["status"] == "interrupted"
-            assert run.newest_checkpoint() == run.checkpoint_path(rows_of(ledger, job))
+            assert run.newest_checkpoint() == run.checkpoint_path(rows_of(status, job))
 
 
 @pytest.mark.slow

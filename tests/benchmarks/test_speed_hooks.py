@@ -96,5 +96,5 @@ def test_plugins_can_be_asked_alone_or_left_out(manager: type[RunHookManager]) -
 
     assert list(asked(hooks.hook)) == ["bonus 1.0", "bonus 2.0"]
     assert asked(hooks.only(second)) == asked(hooks.without([first])) == {"bonus 2.0": 2.0}
-    assert hooks.fills("shape_reward")
+    assert hooks.implements("shape_reward")
     assert (TAPE in hooks.plugins) == (manager is TimedHooks)

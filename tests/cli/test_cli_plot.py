@@ -175,7 +175,7 @@ def test_an_adversary_that_never_wins(apil: Apil, tmp_path: Path) -> None:
     assert not [path.name for path in (tmp_path / "r").iterdir() if ".mp4" in path.name]
 
 
-def test_an_interrupted_run_has_no_souvenirs(capsys: pytest.CaptureFixture[str], trained: Path) -> None:
+def test_an_interrupted_run_has_no_artifacts(capsys: pytest.CaptureFixture[str], trained: Path) -> None:
     stopped = RunResult(run_dir=trained, status="interrupted", steps=256, wall_seconds=1.0)
     assert "souvenirs" not in finish(stopped, Progress(), show=True, as_json=False)
     assert not list(trained.glob("curve*"))

@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 from retraining.victims import runner
 
-from apil_core.cli.plain import ConsoleProgress
-from cli.cli_helpers import Apil
+from apil_core.cli.progress import ConsoleProgress
+from apil_core.runs.retraining.settings import settings
+from cli.cli_helpers import COIN, Apil
 
 FLAGS = (
     *("--env", "toy-pursuit", "--baseline", "random", "--steps", "1024", "--num-envs", "32"),
@@ -47,7 +48,7 @@ def test_ctrl_c_then_resume_then_attack(
     assert done.out.endswith("victim     retrained:hard\ncurve      hard/curve.png\n")
     assert "chaser 50 %, baseline 50 % in toy-pursuit, seed 0" in done.err
     assert "chaser against the victim:\nevaluation after 1,024 steps, 20 games: win " in done.err
-    assert "| victim's win " in done.err
+    assert " victim's win " in done.err
 
     again = apil("resume", "hard")
     assert (again.code, again.err.count("\n")) == (2, 1)
@@ -82,6 +83,9 @@ def test_ctrl_c_then_resume_then_attack(
     [
         ({"RUN": None}, "parameter RUN requires an argument"),
         ({"RUN": "nowhere"}, "nowhere is neither a run directory nor a policy name"),
+        ({"RUN": "torchscript:none.pt"}, "none.pt"),
+        ({"RUN": "torch-export:none.pt2"}, "none.pt2"),
+        ({"--plugin": "nowhere.py"}, "nowhere.py"),
         ({"--share": "1"}, "--share"),
         ({"--adversary-share": "2"}, "--adversary-share 2.0: should be less than or equal to 1"),
         ({"--set": "frezze=value"}, "unknown key (did you mean 'freeze'?)"),
@@ -106,3 +110,14 @@ def test_a_mistake_is_one_line_and_makes_nothing(
     assert done.err.count("\n") == 1
     assert message in done.err
     assert not (tmp_path / "made").exists()
+
+
+def test_a_policys_file_is_no_checkpoint_of_a_run() -> None:
+    for scheme, file in (("torchscript", "x.pt"), ("torch-export", "x.pt2")):
+        found = settings([f"{scheme}:{file}"], {"env": "toy-pursuit"})
+        assert (found.adversaries, found.labels) == ((f"{scheme}:{file}",), ("x", "baseline"))
+
+
+def test_a_game_of_a_plugin_that_is_named(tmp_path: Path) -> None:
+    found = settings(["baseline:random/2x1"], {"env": "coin", "victim": "zero"}, plugin_files=[COIN])
+    assert (found.env, found.plugins) == ("coin", (str(COIN),))

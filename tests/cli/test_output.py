@@ -9,7 +9,7 @@ import pytest
 from report.page_sample import report_data
 
 from apil_core.cli.output import console, print_json, styled, table
-from apil_core.cli.plain import PlainProgress
+from apil_core.cli.progress import PlainProgress
 from apil_core.studies.report.page import render
 from apil_core.studies.report.tables import csv_text, write_tables
 from cli.cli_helpers import Apil

@@ -68,7 +68,7 @@ def test_models_with_untyped_parts_keep_infinite_numbers() -> None:
 
 @pytest.mark.parametrize("value", [math.inf, -math.inf])
 def test_results_keep_the_options_of_their_game(value: float) -> None:
-    from apil_core.evaluation.results import Circumstances
+    from apil_core.evaluation.results import MatchSetup
 
-    made = Circumstances.model_construct(game_options={"x": value})
+    made = MatchSetup.model_construct(game_options={"x": value})
     assert json.loads(made.model_dump_json())["game_options"] == {"x": value}

@@ -12,7 +12,7 @@ import torch
 from apil_core import ConfigError, RunDirError, VictimError, make_game
 from apil_core.api.specs import GameSpec, Matchup
 from apil_core.plugins.discovery import PluginRegistry, discover
-from apil_core.policies.seats import load_victim
+from apil_core.policies.loading import load_victim
 from apil_core.policies.student import load_file
 from apil_core.runs.distillation.build import agent, named, prepare
 from apil_core.runs.distillation.config import DistillConfig

@@ -14,7 +14,7 @@ from apil_core.plugins.default_victim import default_victim, is_here
 from apil_core.plugins.discovery import discover
 from apil_core.policies import embedded
 from apil_core.policies import zoo_catalogue as catalogue
-from apil_core.policies.seats import victim_name
+from apil_core.policies.loading import victim_name
 from apil_core.policies.zoo_cache import cached_file
 
 STUDENTS = (

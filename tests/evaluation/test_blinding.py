@@ -211,7 +211,7 @@ def test_a_named_policy_can_be_blinded():
     ("options", "message"),
     [
         ({"blind_imitator": True}, "--blind-imitator needs --blind zeros or --blind initial"),
-        ({"blind": "zero"}, "unknown blinding 'zero' (did you mean 'zeros'? known: initial, zeros)"),
+        ({"blind": "zero"}, "blind: should be 'zeros' or 'initial', got 'zero' (did you mean 'zeros'?)"),
     ],
 )
 def test_mistakes(options, message):

@@ -10,11 +10,13 @@ import pytest
 from helpers.small_runs import small_config
 
 from apil_core import ApilError, ConfigError, RunDirError, evaluate
+from apil_core.api.profiles import Profile
 from apil_core.common.statistics import difference
 from apil_core.evaluation.crossplay.crossplay import crossplay
 from apil_core.evaluation.crossplay.document import CrossPlay, comparisons
 from apil_core.evaluation.crossplay.heat_map import draw_crossplay
-from apil_core.evaluation.crossplay.players import check_unchanged
+from apil_core.evaluation.crossplay.players import check_unchanged, load_all
+from apil_core.evaluation.options import PairingOptions
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.runs.labels import labelled
@@ -213,14 +215,39 @@ def test_mistakes_are_found_before_the_first_game(
     assert watching.games == []
 
 
-def test_all_play_in_one_game(tmp_path: Path) -> None:
+def test_runs_must_agree_on_the_game(trained: Path, tmp_path: Path) -> None:
     other = tmp_path / "r"
     run(small_config("adrl", steps=512, game={"max_steps": 30}), out=other)
-    rows = {"noise": "random", "adrl": other}
-    with pytest.raises(ConfigError, match="noise has game.max_steps 50, adrl has 30; say which with --set"):
+    rows = {"short": other, "adrl": trained}
+    with pytest.raises(ConfigError, match="short has game.max_steps 30, adrl has 50; say which with --set"):
         crossplay(rows, VICTIMS, **SMALL)
-    found = crossplay(rows, VICTIMS, **SMALL, sets=["game.max_steps=30"])
+    found = crossplay(rows, VICTIMS, **SMALL, sets=["game.max_steps=20"])
+    assert {score.options_played["max_steps"] for score in found.played} == {20}
+
+
+def test_policies_that_no_run_trained_play_in_the_runs_game(tmp_path: Path) -> None:
+    path = tmp_path / "r"
+    changed = {"game": {"max_steps": 30}, "evaluation": {"adversary_actions": "mode"}}
+    run(small_config("adrl", steps=512, **changed), out=path)
+    rows = {"noise": "random", "adrl": path}  # whatever the order
+    found = crossplay(rows, {"original": "auto"}, **SMALL)
     assert {score.options_played["max_steps"] for score in found.played} == {30}
+    assert {score.adversary_actions for score in found.played} == {"mode"}
+    asked = crossplay(rows, {"original": "auto"}, **SMALL, adversary_actions="sample")
+    assert {score.adversary_actions for score in asked.played} == {"sample"}
+
+
+@pytest.mark.parametrize("physics", ["fast", "faithful"])
+def test_physics_of_a_run_are_those_of_all(physics: str, tmp_path: Path) -> None:
+    path, game = tmp_path / "r", {"physics": physics, "max_steps": 40}
+    run(small_config("adrl", env="kick-and-defend", num_envs=2, steps=256, game=game), out=path)
+    options = PairingOptions(num_envs=1, threads=1)
+    baseline = {"baseline": "embedded:kick-and-defend/defender/v1", "noise": "random", "adrl": path}
+    found = load_all(baseline, {"victim": "auto"}, options)
+    assert (found.setting.physics, found.setting.game_options["max_steps"]) == (physics, 40)
+    other: Profile = "fast" if physics == "faithful" else "faithful"
+    found = load_all(baseline, {"victim": "auto"}, PairingOptions.of(options, physics=other))
+    assert found.setting.physics == other
 
 
 def test_a_run_that_goes_on_meanwhile_is_noticed(played: CrossPlay) -> None:

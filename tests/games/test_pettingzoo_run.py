@@ -15,7 +15,8 @@ from typing import Any
 import pytest
 from helpers.small_runs import differences, small_config
 
-from apil_core import ConfigError, PluginError, UnknownNameError, resume, run
+from apil_core import ConfigError, PluginError, UnknownNameError, evaluate, resume, run
+from apil_core.api.config import BlindMode
 from apil_core.cli import main
 from apil_core.config.resolve import complete, dump_yaml
 from apil_core.config.schema import json_schema
@@ -41,6 +42,16 @@ def final_state(path: Path) -> Any:
 @pytest.fixture(scope="module")
 def registry() -> PluginRegistry:
     return discover()
+
+
+@pytest.mark.parametrize("mode", ["zeros", "initial"])
+def test_a_run_is_a_victim_whatever_is_blinded(mode: BlindMode, tmp_path: Path) -> None:
+    """What channels tell about the opponent is no matter of who fits the seat."""
+    run(short(victim="baseline:random/4x3", victim_side=1, evaluation={"episodes": 0}), out=tmp_path / "cart")
+    channels = {"opponent_channels": {"hare": [0], "cart": [1]}}
+    options = {"victim": f"run:{tmp_path / 'cart'}", "game_options": channels, "episodes": 6, "threads": 1}
+    score = evaluate("random", env=RACE["env"], blind=mode, blind_victim=mode, **options)
+    assert (score.episodes, score.victim_side, score.blind, score.blind_victim) == (6, "cart", mode, mode)
 
 
 # --- names

@@ -12,15 +12,16 @@ import torch
 from helpers.small_runs import small_config
 from scipy.stats import multivariate_normal, t
 
-from apil_core import ApilError, Decision, Policy, PolicyInfo, VictimError, View, evaluate
+from apil_core import ApilError, ConfigError, Decision, Policy, PolicyInfo, VictimError, View, evaluate
 from apil_core.evaluation.pairing import load_pairing
 from apil_core.evaluation.progress import Progress
 from apil_core.runs.runner import run
-from apil_core.studies.activations.analysis import Sampling, analyze
+from apil_core.studies.activations.analysis import analyze
 from apil_core.studies.activations.density import check_density, fit_density
 from apil_core.studies.activations.embedding import embed, usable_perplexity
 from apil_core.studies.activations.intervals import gap, mean_interval
 from apil_core.studies.activations.models import ActivationMap
+from apil_core.studies.activations.options import Sampling
 from apil_core.studies.activations.picture import draw_activations
 from apil_core.studies.activations.recording import RecordingPolicy, record
 from apil_core.studies.activations.sampling import even_sample, game_means
@@ -244,8 +245,6 @@ def test_a_picture_names_every_opponent(found: ActivationMap, tmp_path: Path) ->
         ({"baseline": "zero"}, {"baseline": "random"}, "name its opponent once"),
         ({"a": "nonsense:x"}, {"baseline": "zero"}, "unknown policy 'nonsense:x'"),
         ({}, {"env": None}, "say which game they play: --env GAME"),
-        ({}, {"sampling": Sampling(games=1)}, "games must be at least 2, got 1"),
-        ({}, {"sampling": Sampling(perplexity=0.5)}, "perplexity must be at least 1, got 0.5"),
         ({}, {"sampling": Sampling(games=2, steps=2, components=5)}, "5 components need more than 4 samples"),
         ({}, {"num_envs": 0}, "num_envs must be at least 1, got 0"),
     ],
@@ -261,6 +260,21 @@ def test_mistakes_are_found_before_the_first_game(
     with pytest.raises(ApilError, match=message) as caught:
         analyze(opponents, progress=Silent(), **{**TOY, **options})
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"games": 1}, "games must be at least 2, got 1"),
+        ({"perplexity": 0.5}, "perplexity must be at least 1, got 0.5"),
+        ({"perplexity": float("nan")}, "perplexity must be at least 1, got nan"),
+        ({"game": 3}, "game: unknown key (did you mean 'games'?)"),
+    ],
+)
+def test_numbers_of_the_sampling_are_checked(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        Sampling(**wrong)
+    assert str(caught.value) == message
 
 
 def test_the_victim_is_the_one_that_all_runs_attack(trained: Path, tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ import apil_core
 from apil_core import ApilError, ConfigError, RunDirError, VictimError, View, evaluate, load_policy, run
 from apil_core.plugins.registry import default_plugins, make_game
 from apil_core.training.export.export import Exported, export
-from apil_core.training.export.run_policy import Source
+from apil_core.training.export.run_policy import RunCheckpoint
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.run_dir import RunDir
 
@@ -91,7 +91,7 @@ def test_modes_and_spreads_are_the_runs(runs: Path, exported: Exports, name: str
     result = exported(name, format)
     assert result.difference <= 1e-5
     assert result.reads == (() if format == "safetensors" else RUNS[name][2])
-    source = Source.find(runs / name)
+    source = RunCheckpoint.find(runs / name)
     layout = make_game("toy-pursuit", num_envs=1).layout
     trained, _ = source.policy(source.run_dir.config(), layout, default_plugins(), 0, "run")
     written = load_policy(result.name, seat=layout.sides[1])

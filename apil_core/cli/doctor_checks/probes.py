@@ -168,7 +168,7 @@ def victims(plugins: PluginRegistry) -> Answer:
     from apil_core.api.config import RunConfig
     from apil_core.api.specs import load
     from apil_core.plugins.registry import load_policy
-    from apil_core.policies.seats import victim_name
+    from apil_core.policies.loading import victim_name
 
     def why_not(name: str) -> str:
         try:

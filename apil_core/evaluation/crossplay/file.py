@@ -10,8 +10,8 @@ from typing import Any
 from apil_core.common.errors import ConfigError
 from apil_core.common.files import check_place, locked
 from apil_core.evaluation.crossplay.document import CrossPlay, Player
-from apil_core.evaluation.crossplay.players import Lineup, settings
-from apil_core.evaluation.results import EvaluationResult
+from apil_core.evaluation.crossplay.players import settings
+from apil_core.evaluation.results import EvaluationResult, MatchSetup
 
 
 class CrossPlayFile:
@@ -30,7 +30,7 @@ class CrossPlayFile:
         self._read()
 
     @contextmanager
-    def alone(self) -> Iterator[None]:
+    def lock(self) -> Iterator[None]:
         """Keep other processes from the file.
 
         Raises:
@@ -43,7 +43,7 @@ class CrossPlayFile:
         ):
             yield
 
-    def take(self, into: CrossPlay, lineup: Lineup, episodes: int) -> None:
+    def resume_from(self, into: CrossPlay, setting: MatchSetup, episodes: int) -> None:
         """Fill ``into`` with the pairings that are in the file.
 
         Raises:
@@ -59,7 +59,7 @@ class CrossPlayFile:
             (stored.victims, into.victims, "victim"),
         ):
             self._check_players(then, now, side)
-        expected = settings(lineup.setting, episodes)
+        expected = settings(setting, episodes)
         for i, adversary in enumerate(into.adversaries):
             for j, victim in enumerate(into.victims):
                 score = stored.score(adversary.label, victim.label)

@@ -1,104 +1,80 @@
-"""Players lined up before the first game: all load, all fit the game, and all would play the same one."""
+"""Loading all players before the first game: all fit the game, and all would play the same one."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
-from apil_core.api.config import ActionMode, RunConfig
-from apil_core.api.profiles import Profile
+from apil_core.api.config import RunConfig
 from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.evaluation.crossplay.document import Player
-from apil_core.evaluation.pairing import Pairing, circumstances, load_pairing
-from apil_core.evaluation.results import Circumstances, PolicyId, in_words
-from apil_core.plugins.discovery import PluginRegistry
-from apil_core.training.export.run_policy import Source, run_path
+from apil_core.evaluation.options import PairingOptions
+from apil_core.evaluation.pairing import Pairing, load_pairing
+from apil_core.evaluation.results import MatchSetup, PolicyId, in_words
+from apil_core.training.export.run_policy import RunCheckpoint, run_path
 
 Names = Mapping[str, Path | str]
 """Players by label."""
 
 
-class SharedOptions(TypedDict, total=False):
-    """Keywords of :func:`apil_core.evaluation.pairing.load_pairing` that hold for all pairings alike."""
-
-    env: str | None
-    adversary_actions: ActionMode | None
-    victim_actions: ActionMode | None
-    game_options: Mapping[str, Any] | None
-    sets: Sequence[str]
-    physics: Profile | None
-    threads: int
-    device: str
-    plugins: PluginRegistry | None
-    plugin_files: Sequence[str]
-    trust: bool
-
-
 @dataclass
-class Lineup:
-    """Everybody who plays.
+class Participants:
+    """All who play, loaded once.
 
     Attributes:
         env: the game.
         adversaries, victims: in the order asked for.
-        options: keywords that load any of their pairings, the victim's aside.
+        options: load any of their pairings, the victim aside.
         setting: of the first adversary's games; all others play in the same one.
     """
 
     env: str
     adversaries: list[Player]
     victims: list[Player]
-    options: SharedOptions
-    setting: Circumstances
+    options: PairingOptions
+    setting: MatchSetup
 
 
-def line_up(
+def load_all(
     adversaries: Names,
     victims: Names,
-    *,
-    seed: int,
-    num_envs: int,
-    options: SharedOptions,
+    options: PairingOptions,
     look: Callable[[Pairing], object] | None = None,
-) -> Lineup:
+) -> Participants:
     """Load every player once and play nothing.
+
+    In which game is decided by the runs among the adversaries; other policies play as the first one does.
 
     Args:
         adversaries, victims: runs or policy names by label.
-        seed, num_envs: of the games to come.
-        options: as of :func:`apil_core.evaluation.pairing.load_pairing`; they hold for all pairings.
+        options: hold for all pairings; with ``num_envs``.
         look: shown every pairing that is loaded, with one game in it.
 
     Raises:
-        ApilError: somebody cannot be loaded or does not fit, or two adversaries would play in other games
+        ApilError: somebody cannot be loaded or does not fit, or two runs would play in other games
             (physics, options, action modes, seat) than each other.
     """
     for side, names in (("adversary", adversaries), ("victim", victims)):
         if not names:
             raise ConfigError(f"name at least one {side}")
     trained = {label: run_config(name) for label, name in adversaries.items()}
-    env = options.get("env") or next((config.env for config in trained.values() if config), None)
-    # a game of a run's one-file plugin must be known to the policies it meets as well
-    files = [file for config in trained.values() if config for file in config.plugins]
-    merged = list(dict.fromkeys([*files, *options.get("plugin_files", ())]))
-    options = {**options, "env": env, "plugin_files": merged}
+    runs = [config for config in trained.values() if config is not None]
+    options = in_game_of(runs, options)
     first, opponent = next(iter(adversaries.values())), str(next(iter(victims.values())))
-    met: list[tuple[str, Circumstances]] = []
 
-    def load(adversary: Path | str, victim: str) -> Circumstances:
-        with load_pairing(adversary, num_envs=1, seed=seed, victim=victim, **options) as pairing:
+    def load(adversary: Path | str, victim: str) -> MatchSetup:
+        with load_pairing(adversary, options, num_envs=1, victim=victim) as pairing:
             if look is not None:
                 look(pairing)
-            return Circumstances(**{**circumstances(pairing, seed), "num_envs": num_envs})
+            return MatchSetup(**{**pairing.setup(options.seed), "num_envs": options.num_envs})
 
-    for label, name in adversaries.items():
-        met.append((label, load(name, opponent)))
+    met = [(label, load(name, opponent)) for label, name in adversaries.items()]
     setting = met[0][1]
     _check_same_game(met)
     attacked = [setting.victim] + [load(first, str(name)).victim for name in list(victims.values())[1:]]
-    return Lineup(
+    return Participants(
         env=setting.env,
         adversaries=[_player(label, each.adversary, trained[label]) for label, each in met],
         victims=[
@@ -108,6 +84,17 @@ def line_up(
         options=options,
         setting=setting,
     )
+
+
+def in_game_of(runs: Sequence[RunConfig], options: PairingOptions) -> PairingOptions:
+    """``options`` with the game of the first of these runs, and the plugins of all of them.
+
+    A game of a run's one-file plugin must be known to the policies it meets as well.
+    """
+    env = options.env or next((config.env for config in runs), None)
+    like = options.like or next((config for config in runs if config.env == env), None)
+    files = dict.fromkeys([*(file for config in runs for file in config.plugins), *options.plugin_files])
+    return PairingOptions.of(options, env=env, like=like, plugin_files=tuple(files))
 
 
 def check_unchanged(player: Player, sha256: str) -> None:
@@ -123,7 +110,7 @@ def check_unchanged(player: Player, sha256: str) -> None:
         )
 
 
-def settings(each: Circumstances, episodes: int) -> dict[str, Any]:
+def settings(each: MatchSetup, episodes: int) -> dict[str, Any]:
     """What the games of two given players depend on."""
     return {
         "episodes": episodes,
@@ -134,7 +121,7 @@ def settings(each: Circumstances, episodes: int) -> dict[str, Any]:
     }
 
 
-def _game(each: Circumstances) -> dict[str, Any]:
+def _game(each: MatchSetup) -> dict[str, Any]:
     played = each.options_played
     physics = {"physics": each.physics} if each.physics else {}
     return {
@@ -147,7 +134,7 @@ def _game(each: Circumstances) -> dict[str, Any]:
     }
 
 
-def _check_same_game(met: Sequence[tuple[str, Circumstances]]) -> None:
+def _check_same_game(met: Sequence[tuple[str, MatchSetup]]) -> None:
     (first, base), rest = met[0], met[1:]
     for label, each in rest:
         here, there = _game(base), _game(each)
@@ -169,7 +156,7 @@ def run_config(name: Path | str) -> RunConfig | None:
     path = run_path(name)
     if path is None or not (path.suffix == ".pt" or (path / "config.yaml").is_file()):
         return None
-    return Source.find(path).run_dir.config()
+    return RunCheckpoint.find(path).run_dir.config()
 
 
 def _player(label: str, found: PolicyId, config: RunConfig | None) -> Player:

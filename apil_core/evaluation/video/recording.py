@@ -11,9 +11,9 @@ from apil_core.api.profiles import FAITHFUL
 from apil_core.common.errors import ApilError, ConfigError
 from apil_core.common.files import check_place
 from apil_core.common.torch_threads import one_torch_thread
-from apil_core.evaluation.pairing import Pairing, circumstances
+from apil_core.evaluation.pairing import Pairing
 from apil_core.evaluation.progress import Progress
-from apil_core.evaluation.results import Circumstances
+from apil_core.evaluation.results import MatchSetup
 from apil_core.evaluation.video.contact_sheet import check_contact_sheet
 from apil_core.evaluation.video.mp4 import check_mp4
 from apil_core.evaluation.video.overlay import OverlayText
@@ -98,7 +98,7 @@ class RenderOptions:
             _check_free(self.contact_sheet)
 
 
-class PlayResult(Circumstances):
+class PlayResult(MatchSetup):
     """Players and outcomes. ``wins`` and the like are the adversary's."""
 
     wins: int
@@ -140,7 +140,7 @@ def show(pairing: Pairing, options: RenderOptions, progress: Progress | None = N
             if not isinstance(reason, WindowClosed):
                 raise
     return PlayResult(
-        **circumstances(pairing, options.seed),
+        **pairing.setup(options.seed),
         wins=text.score["win"],
         ties=text.score["tie"],
         losses=text.score["loss"],

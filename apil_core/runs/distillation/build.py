@@ -19,8 +19,8 @@ from apil_core.config.game import game_model, overlaid
 from apil_core.plugins.default_victim import is_here
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
+from apil_core.policies.loading import LoadOptions, load_victim
 from apil_core.policies.network import NetworkShape
-from apil_core.policies.seats import Taking, load_victim
 from apil_core.runs.distillation.collector import Collector
 from apil_core.runs.distillation.config import DistillConfig
 from apil_core.runs.distillation.learner import StudentLearner
@@ -99,9 +99,9 @@ def prepare(config: DistillConfig, plugins: PluginRegistry) -> Setting:
     game = _game(config, plugins, {})
     practice = _game(config, plugins, config.practice) if config.practice else game
     try:
-        taking = Taking(config.trust)
-        teacher = load_victim(config.teacher, game, side, config.device, plugins, taking)
-        opponent = load_victim(config.opponent, game, 1 - side, config.device, plugins, taking)
+        load_options = LoadOptions(config.trust)
+        teacher = load_victim(config.teacher, game, side, config.device, plugins, load_options)
+        opponent = load_victim(config.opponent, game, 1 - side, config.device, plugins, load_options)
         seats = game.layout.sides
         log_std, recurrent = spread_of(teacher, seats[side], seats[1 - side], device)
         full = _complete(config, game.layout.max_steps, recurrent).model_copy(

@@ -17,7 +17,7 @@ from apil_core.plugins.default_victim import default_baseline
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
 from apil_core.policies.frozen_policy import StoredCritic
-from apil_core.policies.seats import Taking, load_victim
+from apil_core.policies.loading import LoadOptions, load_victim
 from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.runs.retraining.games import RetrainingGames
 from apil_core.runs.retraining.learner import VictimLearner
@@ -70,7 +70,7 @@ def prepare(config: RetrainConfig, plugins: PluginRegistry) -> Setting:
         game.seed(stream_seed(config.seed, "retraining games"))
         torch.manual_seed(config.seed)
         victim = load_victim(
-            config.victim, game, config.victim_side, config.device, plugins, Taking(config.trust)
+            config.victim, game, config.victim_side, config.device, plugins, LoadOptions(config.trust)
         )
         parts = trainable(victim)
         opponents = _opponents(config, game, plugins)
@@ -118,8 +118,10 @@ def _opponents(config: RetrainConfig, game: Game, plugins: PluginRegistry) -> di
     names = [*config.adversaries, *([config.baseline] if config.baseline else [])]
     found = {}
     for number, (label, name) in enumerate(zip(config.labels, names, strict=True)):
-        taking = Taking(config.trust, stream_seed(config.seed, f"opponent {number}'s hooks"), second=True)
-        found[label] = load_victim(name, game, 1 - config.victim_side, config.device, plugins, taking)
+        load_options = LoadOptions(
+            config.trust, stream_seed(config.seed, f"opponent {number}'s hooks"), second=True
+        )
+        found[label] = load_victim(name, game, 1 - config.victim_side, config.device, plugins, load_options)
     return found
 
 

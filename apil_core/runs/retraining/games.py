@@ -101,7 +101,7 @@ class RetrainingGames:
         self.largest_reward = max(self.largest_reward, float(reward.abs().max()))
         reward = reward.to(self.device)
         done = torch.from_numpy(np.array(result.done)).to(self.device)
-        self.tally.add(reward, done)
+        self.tally.add(torch.from_numpy((result.sparse + result.dense)[self.side]), done)
         if self.config.normalize_reward:
             reward = self.normalizer.update(reward, done)
         if result.done.any():

@@ -13,15 +13,15 @@ from apil_core.api.config import RunConfig
 from apil_core.common.documents import plain
 from apil_core.common.errors import ConfigError
 from apil_core.config.game import game_model, profile_problems, settled
-from apil_core.config.layers import Layer, flag_layer, merge, set_layer
+from apil_core.config.layers import POLICY_NAME, Layer, flag_layer, merge, set_layer
 from apil_core.config.problems import problems_of, raise_problems
 from apil_core.plugins.default_victim import default_victim
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import plugins_with
-from apil_core.policies.seats import victim_name, victim_side
+from apil_core.policies.loading import victim_name, victim_side
 from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.runs.retraining.tally import MIXED
-from apil_core.training.export.run_policy import SCHEME, Source, run_path
+from apil_core.training.export.run_policy import SCHEME, RunCheckpoint, run_path
 
 BASELINE = "baseline"
 """Label of the adversary that the victim already knows."""
@@ -32,6 +32,7 @@ def settings(
     flags: Mapping[str, Any] | None = None,
     sets: Sequence[str] = (),
     plugins: PluginRegistry | None = None,
+    plugin_files: Sequence[Path | str] = (),
 ) -> RetrainConfig:
     """The complete settings of a retraining.
 
@@ -42,7 +43,8 @@ def settings(
             with ``env`` and ``victim`` among the flags) names of policies.
         flags: values by setting; ``game.physics`` for the profile.
         sets: ``KEY=VALUE`` texts.
-        plugins: know games and methods; default: the installed ones, and what the runs name.
+        plugins: know games and methods; default: the installed ones, and the one-file plugins.
+        plugin_files: one-file plugins besides those that the runs name.
 
     Raises:
         ApilError: no such run, or one line per mistake.
@@ -51,7 +53,8 @@ def settings(
     if len(sources) < len(adversaries):
         raise ConfigError("an adversary is named twice")
     runs = {name: source.run_dir.config() for name, source in sources.items() if source is not None}
-    files = tuple(dict.fromkeys(file for run in runs.values() for file in run.plugins))
+    given = [str(Path(file).absolute()) for file in plugin_files]
+    files = tuple(dict.fromkeys([*(file for run in runs.values() for file in run.plugins), *given]))
     plugins = plugins or plugins_with(files)
     flags = {key: value for key, value in (flags or {}).items() if value is not None}
     base = {
@@ -65,13 +68,13 @@ def settings(
     return _checked(base, [flag_layer(flags), *map(set_layer, sets)], plugins)
 
 
-def _source(name: Path | str) -> Source | None:
-    path = run_path(name)
-    if path is None and str(name).endswith(".pt"):
+def _source(name: Path | str) -> RunCheckpoint | None:
+    path, is_policy = run_path(name), POLICY_NAME.match(str(name)) is not None
+    if path is None and not is_policy and str(name).endswith(".pt"):
         path = Path(name)
-    if path is None and ":" not in str(name):
+    if path is None and not is_policy:
         raise ConfigError(f"{name} is neither a run directory nor a policy name like zoo:GAME/ROLE/v1")
-    return None if path is None else Source.find(path)
+    return None if path is None else RunCheckpoint.find(path)
 
 
 def _from_runs(
@@ -108,7 +111,7 @@ def _from_runs(
     }
 
 
-def _labels(sources: Mapping[str, Source | None], runs: Mapping[str, RunConfig]) -> list[str]:
+def _labels(sources: Mapping[str, RunCheckpoint | None], runs: Mapping[str, RunConfig]) -> list[str]:
     """A run's method, another policy's name or its file's; numbered where they repeat."""
     plain = [runs[name].method if name in runs else _short(name) for name in sources]
     counts = Counter((BASELINE, MIXED))

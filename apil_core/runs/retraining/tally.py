@@ -29,11 +29,12 @@ class OpponentTally:
         self.causes = list(causes)
         self.games_total = 0
         self._windows: list[list[int]] = [[] for _ in labels]
+        self._window_causes: list[list[int]] = [[] for _ in labels]
         self._returns = torch.zeros(games, dtype=torch.float64)
         self._clear()
 
     def add(self, reward: Tensor, done: Tensor) -> None:
-        """Take in a step's rewards before normalisation (n,), and which games end with it, (n,) bool."""
+        """Take in a step's rewards as the game gives them, (n,), and which games end with it, (n,) bool."""
         self._returns += reward.cpu()
         if bool(done.any()):
             ended = done.cpu()
@@ -51,9 +52,11 @@ class OpponentTally:
             causes: index of the ending.
             lengths: steps.
         """
-        for opponent, outcome in zip(opponents, outcomes, strict=True):
+        for opponent, outcome, cause in zip(opponents, outcomes, causes, strict=True):
             self._windows[opponent].append(outcome)
+            self._window_causes[opponent].append(cause)
         self._windows = [window[-WINDOW:] for window in self._windows]
+        self._window_causes = [window[-WINDOW:] for window in self._window_causes]
         self.games_total += len(outcomes)
         self._games += len(outcomes)
         self._length += sum(lengths)
@@ -80,6 +83,8 @@ class OpponentTally:
             found[f"opponent/{label}/wins"] = window.count(1)
             found[f"opponent/{label}/ties"] = window.count(0)
         found |= {f"cause/{name}": self._causes[i] for i, name in enumerate(self.causes)}
+        lately = Counter(cause for window in self._window_causes for cause in window)
+        found |= {f"window_cause/{name}": lately[i] for i, name in enumerate(self.causes)}
         self._clear()
         return found
 
@@ -92,10 +97,18 @@ class OpponentTally:
     def state_dict(self) -> dict[str, Any]:
         """State at an iteration boundary."""
         windows = [torch.tensor(window, dtype=torch.int8) for window in self._windows]
-        return {"games_total": self.games_total, "windows": windows, "returns": self._returns.clone()}
+        causes = [torch.tensor(window, dtype=torch.int16) for window in self._window_causes]
+        return {
+            "games_total": self.games_total,
+            "windows": windows,
+            "window_causes": causes,
+            "returns": self._returns.clone(),
+        }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore what :meth:`state_dict` gave."""
         self.games_total = state["games_total"]
         self._windows = [window.tolist() for window in state["windows"]]
+        causes = state.get("window_causes")  # checkpoints from before they were kept have none
+        self._window_causes = [[] for _ in self.labels] if causes is None else [w.tolist() for w in causes]
         self._returns.copy_(state["returns"])

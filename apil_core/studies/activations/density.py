@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from apil_core.common.errors import ConfigError, VictimError
+from apil_core.studies.activations.options import VARIANCE
 
 if TYPE_CHECKING:
     from sklearn.decomposition import PCA
@@ -19,13 +20,6 @@ Array = NDArray[np.float64]
 
 COMPONENTS = (1, 2, 3, 5, 8, 12, 20)
 """Numbers of components that are tried."""
-
-VARIANCE = 0.99
-"""Share of normal play's variance that the density sees.
-
-Units of one layer share a scale, so they are not standardised, which would blow up those that hardly ever
-move; but some directions hardly vary, and a full covariance over them is the covariance of noise.
-"""
 
 FLOOR = 1e-3
 """Added to every variance, as a share of the mean one: a component may not shrink to a line or a point, where

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 Points = list[tuple[float, float]]
 
-PERPLEXITY = 50.0
-
 
 def usable_perplexity(perplexity: float, points: int) -> float:
     """``perplexity``, or the largest that so few points allow."""

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from apil_core.api.config import RunConfig
-from apil_core.config.game import without_physics
 from apil_core.studies.bench.cells import Benchmark, Cell
 from apil_core.studies.bench.folder import BenchDir
-from apil_core.studies.bench.jobs import Job, Ledger
+from apil_core.studies.bench.jobs import Job, JobStatus
 from apil_core.studies.bench.matrix import ScoreConfig
 
 _GAMES = 64
@@ -56,7 +55,7 @@ class Estimate:
 
 def estimate(
     benchmark: Benchmark,
-    ledger: Ledger,
+    status: JobStatus,
     *,
     threads: int,
     jobs: list[Job] | None = None,
@@ -66,7 +65,7 @@ def estimate(
 
     Args:
         benchmark: what is to be run.
-        ledger: knows what of it is done.
+        status: knows what of it is done.
         threads: physics threads of a worker.
         jobs: of the benchmark, retrainings among them.
         note: told what is being measured.
@@ -76,7 +75,7 @@ def estimate(
     rates: dict[str, Rate] = {}
     known: dict[Any, float] = {}
     for cell in benchmark.cells:
-        own = _own_rate(ledger.bench, cell)
+        own = _own_rate(status.bench, cell)
         if own is None:
             kind = _kind(cell.config)
             if kind not in known:
@@ -86,10 +85,10 @@ def estimate(
             rates[cell.name] = Rate(known[kind], "measured now")
         else:
             rates[cell.name] = Rate(own, "its run")
-    training = {c.name: _left(ledger, c) / rates[c.name].steps_per_second for c in benchmark.cells}
+    training = {c.name: _left(status, c) / rates[c.name].steps_per_second for c in benchmark.cells}
     lengths: dict[Any, float] = {}
-    scoring = {c.name: _scoring(c, benchmark, ledger, lengths, threads, note) for c in benchmark.cells}
-    hardening = [job for job in jobs or () if job.kind == "retrained" and not ledger.is_done(job)]
+    scoring = {c.name: _scoring(c, benchmark, status, lengths, threads, note) for c in benchmark.cells}
+    hardening = [job for job in jobs or () if job.kind == "retrained" and not status.is_done(job)]
     return Estimate(
         rates, training, scoring, sum(job.steps / rates[job.subject].steps_per_second for job in hardening)
     )
@@ -106,21 +105,21 @@ def _kind(config: RunConfig) -> str:
     return config.model_dump_json(exclude={"seed", "steps", "evaluation", "checkpoint", "recorders"})
 
 
-def _left(ledger: Ledger, cell: Cell) -> int:
-    if ledger.trained(cell):
+def _left(status: JobStatus, cell: Cell) -> int:
+    if status.trained(cell):
         return 0
-    return max(cell.steps - int(ledger.bench.cell(cell.name).last_metrics().get("steps", 0)), 0)
+    return max(cell.steps - int(status.bench.cell(cell.name).last_metrics().get("steps", 0)), 0)
 
 
 def _scoring(
     cell: Cell,
     benchmark: Benchmark,
-    ledger: Ledger,
+    status: JobStatus,
     known: dict[Any, float],
     threads: int,
     note: Callable[[str], None],
 ) -> float:
-    wanted = ledger.missing_scores(cell) if ledger.trained(cell) else benchmark.matrix.scores_of(cell.game)
+    wanted = status.missing_scores(cell) if status.trained(cell) else benchmark.matrix.scores_of(cell.game)
     total = 0.0
     for score in wanted.values():
         kind = (cell.game, cell.victim, score.physics)
@@ -140,11 +139,9 @@ def _seconds_per_game(cell: Cell, score: ScoreConfig, benchmark: Benchmark, thre
         "random",
         episodes=_GAMES,
         seed=cell.seed,
-        env=config.env,
-        victim=config.victim,
+        like=config,
         trust=config.trust,
         physics=score.physics,
-        game_options=config.game if score.physics is None else without_physics(config, benchmark.plugins),
         plugins=benchmark.plugins,
         threads=threads,
     )

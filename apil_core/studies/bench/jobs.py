@@ -80,7 +80,7 @@ def make_jobs(benchmark: Benchmark) -> list[Job]:
     return jobs
 
 
-class Ledger:
+class JobStatus:
     """Which jobs are done, read from what is on disk.
 
     Args:

@@ -39,7 +39,7 @@ def with_full_names(benchmark: Benchmark, origin: str) -> Benchmark:
 
 def _full_name(benchmark: Benchmark, cell: Cell, origin: str) -> str:
     from apil_core.plugins.registry import make_game
-    from apil_core.policies.seats import Taking, load_victim, victim_side
+    from apil_core.policies.loading import LoadOptions, load_victim, victim_side
     from apil_core.runs.retraining.trainable import trainable
 
     config, plugins = cell.config, benchmark.plugins
@@ -47,10 +47,10 @@ def _full_name(benchmark: Benchmark, cell: Cell, origin: str) -> str:
     try:
         game = make_game(cell.game, num_envs=1, options=config.game, plugins=plugins)
         with closing(game):
-            side, taking = victim_side(config, plugins), Taking(config.trust)
-            victim = load_victim(cell.victim, game, side, "cpu", plugins, taking)
+            side, load_options = victim_side(config, plugins), LoadOptions(config.trust)
+            victim = load_victim(cell.victim, game, side, "cpu", plugins, load_options)
             if baseline is not None:
-                load_victim(baseline, game, 1 - side, "cpu", plugins, taking)
+                load_victim(baseline, game, 1 - side, "cpu", plugins, load_options)
             if baseline is not None and benchmark.matrix.has("retraining", cell.game):
                 trainable(victim)
     except ApilError as error:

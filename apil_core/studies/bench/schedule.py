@@ -1,4 +1,4 @@
-"""The course of a benchmark: which job may start, what came of it, who is told."""
+"""Scheduling the jobs of a benchmark: which may start, and what came of each."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Literal
 
 from apil_core.runs.stop_signal import on_stop_signal
 from apil_core.studies.bench.executor import Executor
-from apil_core.studies.bench.jobs import Job, Ledger
+from apil_core.studies.bench.jobs import Job, JobStatus
 from apil_core.studies.bench.work import Outcome
 
 State = Literal["waiting", "queued", "running", "done", "failed", "interrupted", "left out"]
@@ -19,7 +19,7 @@ _PERIOD = 0.25
 
 
 class Watch:
-    """Who is told how a benchmark goes; this one stays silent."""
+    """Callbacks of a running benchmark; these do nothing."""
 
     def update(self, states: dict[str, State]) -> None:
         """A few times a second, and after every end of a job."""
@@ -32,7 +32,7 @@ class Watch:
 
 
 @dataclass
-class Course:
+class BenchResult:
     """How a benchmark went.
 
     Attributes:
@@ -50,18 +50,20 @@ class Course:
         return [name for name, found in self.states.items() if found == state]
 
 
-def run_jobs(jobs: Sequence[Job], ledger: Ledger, executor: Executor, watch: Watch | None = None) -> Course:
+def run_jobs(
+    jobs: Sequence[Job], status: JobStatus, executor: Executor, watch: Watch | None = None
+) -> BenchResult:
     """Run all jobs that are not done yet; a failing one does not stop the others.
 
     Ctrl-C or SIGTERM lets running jobs write their checkpoints; a second one ends them at once.
 
     Args:
         jobs: in the order they should be started.
-        ledger: knows what is done.
+        status: knows what is done.
         executor: runs them; left open.
         watch: told how it goes.
     """
-    scheduler = _Scheduler(jobs, ledger, executor, watch or Watch())
+    scheduler = _Scheduler(jobs, status, executor, watch or Watch())
     try:
         with on_stop_signal(scheduler.ask_to_stop):
             while not scheduler.over:
@@ -69,27 +71,27 @@ def run_jobs(jobs: Sequence[Job], ledger: Ledger, executor: Executor, watch: Wat
     except BaseException:
         executor.stop()  # else closing it would wait for all that runs, to the last step
         raise
-    return scheduler.course
+    return scheduler.result
 
 
-def jobs_done(jobs: Sequence[Job], ledger: Ledger) -> tuple[str, ...]:
+def jobs_done(jobs: Sequence[Job], status: JobStatus) -> tuple[str, ...]:
     """Names of jobs with nothing left to do.
 
     What is made of cells is not done while one of them is to come or trains on: it is made of that one, too.
     """
     done: list[str] = []
     for job in jobs:
-        if all(end in done for end in (*job.needs, *job.after)) and ledger.is_done(job):
+        if all(end in done for end in (*job.needs, *job.after)) and status.is_done(job):
             done.append(job.name)
     return tuple(done)
 
 
 class _Scheduler:
-    def __init__(self, jobs: Sequence[Job], ledger: Ledger, executor: Executor, watch: Watch):
+    def __init__(self, jobs: Sequence[Job], status: JobStatus, executor: Executor, watch: Watch):
         self._jobs = {job.name: job for job in jobs}
-        self._ledger, self._executor, self._watch = ledger, executor, watch
-        kept = jobs_done(jobs, ledger)
-        self.course = Course({name: "done" if name in kept else "waiting" for name in self._jobs}, kept)
+        self._status, self._executor, self._watch = status, executor, watch
+        kept = jobs_done(jobs, status)
+        self.result = BenchResult({name: "done" if name in kept else "waiting" for name in self._jobs}, kept)
         self._futures: dict[Future[Outcome], str] = {}
         self._asked = self._heeded = 0
 
@@ -100,11 +102,11 @@ class _Scheduler:
     @property
     def over(self) -> bool:
         """Nothing runs, and nothing can be started any more."""
-        return not self._futures and (self.course.interrupted or not self.course.having("waiting"))
+        return not self._futures and (self.result.interrupted or not self.result.having("waiting"))
 
     def step(self) -> None:
         """Start what can be started, wait a moment, and take note of what ended."""
-        if not self.course.interrupted:
+        if not self.result.interrupted:
             self._start_ready()
         wait(self._futures, timeout=_PERIOD, return_when=FIRST_COMPLETED)
         self._heed()
@@ -112,19 +114,19 @@ class _Scheduler:
         for future in [future for future in self._futures if future.done()]:
             self._take(future)
         for future, name in self._futures.items():
-            self.course.states[name] = "running" if future.running() else "queued"
-        self._watch.update(self.course.states)
+            self.result.states[name] = "running" if future.running() else "queued"
+        self._watch.update(self.result.states)
 
     def _heed(self) -> None:
         while self._heeded < self._asked:
             self._heeded += 1
-            self.course.interrupted = True
+            self.result.interrupted = True
             self._watch.stopping(at_once=self._heeded > 1)
             self._executor.stop()
 
     def _start_ready(self) -> None:
-        states = self.course.states
-        for name in self.course.having("waiting"):
+        states = self.result.states
+        for name in self.result.having("waiting"):
             job = self._jobs[name]
             if any(states.get(need) in ("failed", "left out") for need in job.needs):
                 states[name] = "left out"
@@ -132,7 +134,7 @@ class _Scheduler:
                 states.get(end) in ("done", "failed", "left out") for end in job.after
             ):
                 # what came in the meantime may have changed what is left of it
-                if self._ledger.is_done(job):
+                if self._status.is_done(job):
                     states[name] = "done"
                     continue
                 states[name] = "queued"
@@ -143,14 +145,14 @@ class _Scheduler:
         try:
             outcome = future.result()
         except CancelledError:
-            self.course.states[name] = "waiting"
+            self.result.states[name] = "waiting"
             return
-        if outcome == "interrupted" and not self.course.interrupted:
+        if outcome == "interrupted" and not self.result.interrupted:
             # somebody stopped the worker, not us: the cell goes on when the benchmark is run again
-            self._ledger.bench.note_failure(name, "its worker was stopped from outside; run the matrix again")
+            self._status.bench.note_failure(name, "its worker was stopped from outside; run the matrix again")
             outcome = "failed"
-        if outcome == "done" and not self._ledger.is_done(self._jobs[name]):
-            self._ledger.bench.note_failure(name, "its process ended without its result")
+        if outcome == "done" and not self._status.is_done(self._jobs[name]):
+            self._status.bench.note_failure(name, "its process ended without its result")
             outcome = "failed"
-        self.course.states[name] = outcome
-        self._watch.ended(self._jobs[name], outcome, self._ledger.bench.failure(name))
+        self.result.states[name] = outcome
+        self._watch.ended(self._jobs[name], outcome, self._status.bench.failure(name))

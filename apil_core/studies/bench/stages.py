@@ -6,15 +6,14 @@ import shutil
 from typing import TYPE_CHECKING, Any
 
 from apil_core.common.errors import ConfigError
-from apil_core.config.game import without_physics
 from apil_core.evaluation.progress import Progress
 from apil_core.studies.bench.cells import Cell
 from apil_core.training.storage.run_dir import RunDir
 
 if TYPE_CHECKING:
     from apil_core.api.profiles import Profile
-    from apil_core.evaluation.crossplay.players import SharedOptions
-    from apil_core.studies.bench.jobs import Ledger
+    from apil_core.evaluation.options import PairingOptions
+    from apil_core.studies.bench.jobs import JobStatus
 from apil_core.studies.bench.folder import read_crossplay
 
 BASELINE = "baseline"
@@ -24,16 +23,16 @@ _TRIES = 60
 """Games looked at for one that the adversary wins."""
 
 
-def harden(ledger: Ledger, cell: Cell, threads: int, progress: Progress) -> bool:
+def harden(status: JobStatus, cell: Cell, threads: int, progress: Progress) -> bool:
     """Retrain the cell's victim against its adversary and the game's baseline; false if it was stopped."""
     from apil_core.runs.retraining.retrain import resume, retrain
     from apil_core.runs.retraining.settings import settings
     from apil_core.studies.bench.still_valid import check_same_retraining
 
-    stage, directory = ledger.benchmark.matrix.retraining, ledger.bench.retrained_dir(cell.name)
+    stage, directory = status.benchmark.matrix.retraining, status.bench.retrained_dir(cell.name)
     if stage is None:
-        raise ConfigError(f"the matrix of {ledger.bench.path} has no retraining")
-    shared: Any = {"progress": progress, "plugins": ledger.benchmark.plugins, "command": ledger.command}
+        raise ConfigError(f"the matrix of {status.bench.path} has no retraining")
+    shared: Any = {"progress": progress, "plugins": status.benchmark.plugins, "command": status.command}
     if RunDir(directory).checkpoints():
         check_same_retraining(directory, stage)
         return resume(directory, steps=stage.steps, threads=threads, **shared).status == "finished"
@@ -43,7 +42,7 @@ def harden(ledger: Ledger, cell: Cell, threads: int, progress: Progress) -> bool
         "adversary_share": stage.adversary_share,
         "mix": stage.mix,
         "freeze": stage.freeze,
-        "baseline": ledger.benchmark.baselines[cell.game],
+        "baseline": status.benchmark.baselines[cell.game],
         "seed": cell.seed,
         "threads": threads,
         "trust": cell.config.trust,
@@ -51,85 +50,85 @@ def harden(ledger: Ledger, cell: Cell, threads: int, progress: Progress) -> bool
         # cross-play scores it, against these and all others
         "evaluation.episodes": 0,
     }
-    run = f"run:{ledger.bench.cell(cell.name).path.resolve()}"
-    config = settings([run], flags, plugins=ledger.benchmark.plugins)
+    run = f"run:{status.bench.cell(cell.name).path.resolve()}"
+    config = settings([run], flags, plugins=status.benchmark.plugins)
     return retrain(config, out=directory, **shared).status == "finished"
 
 
-def play_all(ledger: Ledger, game: str, threads: int, progress: Progress) -> None:
+def play_all(status: JobStatus, game: str, threads: int, progress: Progress) -> None:
     """Every adversary of a game against its victims, the retrained ones included."""
     from apil_core.evaluation.crossplay.crossplay import crossplay
 
-    stage = ledger.benchmark.matrix.crossplay
+    stage = status.benchmark.matrix.crossplay
     if stage is None:
-        raise ConfigError(f"the matrix of {ledger.bench.path} has no cross-play")
-    options = _shared(ledger, game, threads, stage.physics)
-    config = ledger.benchmark.cells_of(game)[0].config
-    path = ledger.bench.crossplay_path(game)
+        raise ConfigError(f"the matrix of {status.bench.path} has no cross-play")
+    path = status.bench.crossplay_path(game)
     path.parent.mkdir(parents=True, exist_ok=True)
-    stored = read_crossplay(ledger.bench, game)
+    stored = read_crossplay(status.bench, game)
     if stored is not None:  # the matrix may have been extended since
-        ledger.valid_crossplay(stored, game).write(path)
+        status.valid_crossplay(stored, game).write(path)
     crossplay(
-        ledger.adversaries(game),
-        ledger.victims(game),
+        status.adversaries(game),
+        status.victims(game),
+        _shared(status, game, threads, stage.physics),
         episodes=stage.episodes,
-        seed=config.seed,
         out=path,
-        command=ledger.command,
+        command=status.command,
         progress=progress,
-        **options,
     )
 
 
-def map_activations(ledger: Ledger, game: str, threads: int, progress: Progress) -> None:
+def map_activations(status: JobStatus, game: str, threads: int, progress: Progress) -> None:
     """The activations of the game's (first) victim against each adversary, normal play among them."""
-    from apil_core.studies.activations.analysis import Sampling, analyze
+    from apil_core.studies.activations.analysis import analyze
+    from apil_core.studies.activations.options import Sampling
 
-    stage = ledger.benchmark.matrix.activations
+    stage = status.benchmark.matrix.activations
     if stage is None:
-        raise ConfigError(f"the matrix of {ledger.bench.path} has no activations")
-    opponents = ledger.adversaries(game)
-    config = ledger.benchmark.cells_of(game)[0].config
+        raise ConfigError(f"the matrix of {status.bench.path} has no activations")
+    opponents = status.adversaries(game)
+    config = status.benchmark.cells_of(game)[0].config
     found = analyze(
         {label: name for label, name in opponents.items() if label != BASELINE},
+        _shared(status, game, threads, None),
         victim=config.victim,
-        baseline=ledger.benchmark.baselines.get(game),
+        baseline=status.benchmark.baselines.get(game),
         sampling=Sampling(games=stage.episodes),
-        seed=config.seed,
         progress=progress,
-        **_shared(ledger, game, threads, None),
     )
-    path = ledger.bench.activations_path(game)
+    path = status.bench.activations_path(game)
     path.parent.mkdir(parents=True, exist_ok=True)
     found.write(path)
 
 
-def _shared(ledger: Ledger, game: str, threads: int, physics: Profile | None) -> SharedOptions:
+def _shared(status: JobStatus, game: str, threads: int, physics: Profile | None) -> PairingOptions:
     """How a game's cells are played against each other."""
-    config, plugins = ledger.benchmark.cells_of(game)[0].config, ledger.benchmark.plugins
-    return {
-        "env": game,
-        "threads": threads,
-        "plugins": plugins,
-        "trust": config.trust,
-        "physics": physics,
-        "adversary_actions": config.evaluation.adversary_actions,
-        "victim_actions": config.evaluation.victim_actions,
-        "game_options": config.game if physics is None else without_physics(config, plugins),
-    }
+    from apil_core.evaluation.options import PairingOptions
+
+    config = status.benchmark.cells_of(game)[0].config
+    return PairingOptions(
+        like=config,
+        env=game,
+        seed=config.seed,
+        physics=physics,
+        adversary_actions=config.evaluation.adversary_actions,
+        victim_actions=config.evaluation.victim_actions,
+        threads=threads,
+        trust=config.trust,
+        plugins=status.benchmark.plugins,
+    )
 
 
-def take_snapshots(ledger: Ledger, cell: Cell, progress: Progress) -> None:
+def take_snapshots(status: JobStatus, cell: Cell, progress: Progress) -> None:
     """A contact sheet of a game the cell's adversary wins; of its first game if it wins none."""
     from apil_core.evaluation.pairing import load_pairing
     from apil_core.evaluation.video.recording import RenderOptions, show
 
-    path = ledger.bench.snapshot_path(cell.name)
+    path = status.bench.snapshot_path(cell.name)
     path.parent.mkdir(parents=True, exist_ok=True)
-    stage = ledger.benchmark.matrix.snapshots
+    stage = status.benchmark.matrix.snapshots
     pictures = 6 if stage is None else stage.pictures
-    run = f"run:{ledger.bench.cell(cell.name).path}"
+    run = f"run:{status.bench.cell(cell.name).path}"
     with load_pairing(run, num_envs=1, threads=1, seed=cell.seed) as pairing:
         won = won_game(pairing, cell.seed)
         options = RenderOptions(

@@ -11,7 +11,6 @@ from typing import Literal
 from apil_core.api.config import RunConfig
 from apil_core.common.errors import FAILURES, ConfigError, RunDirError
 from apil_core.common.files import locked
-from apil_core.config.game import without_physics
 from apil_core.config.resolve import differences
 from apil_core.evaluation.progress import Progress
 from apil_core.studies.bench.cells import Benchmark, Cell, resolve_matrix
@@ -24,7 +23,7 @@ from apil_core.studies.bench.jobs import (
     RETRAINING,
     SNAPSHOTS,
     Job,
-    Ledger,
+    JobStatus,
     make_jobs,
 )
 from apil_core.studies.bench.matrix import ScoreConfig
@@ -85,7 +84,7 @@ class _Worker:
     def __init__(self, bench: BenchDir, benchmark: Benchmark, threads: int, progress: Progress):
         self.bench = bench
         self.benchmark = benchmark
-        self.ledger = Ledger(bench, benchmark)
+        self.status = JobStatus(bench, benchmark)
         self.threads = threads
         self.progress = progress
 
@@ -95,32 +94,32 @@ class _Worker:
 
         match job.kind:
             case k if k == CELL:
-                return self._cell(self.ledger.cells[job.subject])
+                return self._cell(self.status.cells[job.subject])
             case k if k == BASELINE:
                 self._baseline(*job.subject.split(" ", 1))
             case k if k == RETRAINING:
-                cell = self.ledger.cells[job.subject]
-                return stages.harden(self.ledger, cell, self.threads, self.progress)
+                cell = self.status.cells[job.subject]
+                return stages.harden(self.status, cell, self.threads, self.progress)
             case k if k == CROSSPLAY:
-                stages.play_all(self.ledger, job.subject, self.threads, self.progress)
+                stages.play_all(self.status, job.subject, self.threads, self.progress)
             case k if k == ACTIVATIONS:
-                stages.map_activations(self.ledger, job.subject, self.threads, self.progress)
+                stages.map_activations(self.status, job.subject, self.threads, self.progress)
             case k if k == SNAPSHOTS:
-                stages.take_snapshots(self.ledger, self.ledger.cells[job.subject], self.progress)
+                stages.take_snapshots(self.status, self.status.cells[job.subject], self.progress)
         return True
 
     def _cell(self, cell: Cell) -> bool:
         run = self.bench.cell(cell.name)
-        if not self.ledger.trained(cell) and not self._train(cell, run):
+        if not self.status.trained(cell) and not self._train(cell, run):
             return False
-        missing = self.ledger.missing_scores(cell)
+        missing = self.status.missing_scores(cell)
         self._score(f"run:{run.path}", missing, run.path, cell.seed)
         return True
 
     def _train(self, cell: Cell, run: RunDir) -> bool:
         from apil_core.runs import runner
 
-        command = self.ledger.command
+        command = self.status.command
         if run.checkpoints():
             check_same(run.config(), cell)
             self.bench.set_aside(cell.name)
@@ -143,7 +142,7 @@ class _Worker:
     def _baseline(self, game: str, victim: str) -> None:
         config = next(c.config for c in self.benchmark.cells_of(game) if c.victim == victim)
         folder = self.bench.baseline_dir(game, victim)
-        missing = self.ledger.missing_baselines(game, victim)
+        missing = self.status.missing_baselines(game, victim)
         self._score(self.benchmark.baselines[game], missing, folder, config.seed, config)
 
     def _score(
@@ -155,27 +154,19 @@ class _Worker:
         config: RunConfig | None = None,
     ) -> None:
         """Play and keep scores; ``config`` says what a named policy plays."""
-        from apil_core.evaluation.pairing import PairingOptions, as_in_run
+        from apil_core.evaluation.options import EvaluationOptions
         from apil_core.evaluation.score import evaluate
 
         for name, wanted in scores.items():
-            options: PairingOptions = {} if config is None else as_in_run(config, self.benchmark.plugins)
-            options |= {"physics": wanted.physics, "observers": wanted.observers, "threads": self.threads}
-            if wanted.adversary_actions is not None:
-                options["adversary_actions"] = wanted.adversary_actions
-            if wanted.victim_actions is not None:
-                options["victim_actions"] = wanted.victim_actions
-            # a profile hides what the run's options say of physics
-            if config is not None and wanted.physics is not None:
-                options["game_options"] = without_physics(config, self.benchmark.plugins)
-            result = evaluate(
-                adversary,
-                episodes=wanted.episodes,
-                seed=seed,
-                blind=wanted.blind,
-                progress=self.progress,
-                **options,
+            options = EvaluationOptions(
+                **wanted.model_dump(exclude={"games"}), seed=seed, threads=self.threads
             )
+            if config is not None:  # the baseline's scores are without the observers of runs
+                like = config.model_copy(update={"observers": ()})
+                options = EvaluationOptions.of(
+                    options, like=like, trust=config.trust, plugins=self.benchmark.plugins
+                )
+            result = evaluate(adversary, options, progress=self.progress)
             write_score(folder, name, result)
 
 

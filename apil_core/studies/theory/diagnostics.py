@@ -33,7 +33,7 @@ class Diagnostics(BaseModel):
         steps: of training so far.
         value_bound: H, the largest |V_ν(s)|, in the units of the training reward.
         value_bound_from: the caller, or the log's returns (largest mean return of the games that ended in a
-            row).
+            row, in the game's reward: the training's is that times its weights).
         trivial_bound: 2H, which holds without any theorem.
         informative_kl: from this KL on the Lemma says no more than that.
         informative_share: share of rows whose KL is smaller.

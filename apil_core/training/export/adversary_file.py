@@ -129,7 +129,7 @@ def load_file(
         raise VictimError(f"{origin.name}: {error}") from error
     except _ODD as error:
         raise origin.wrong(f"state that fits method {config.method!r}", one_line(error)) from error
-    if policy.hooks.fills("filter_observation"):
+    if policy.hooks.implements("filter_observation"):
         raise ConfigError(f"{origin.name} filters what both sides see; it can only play from its run")
     return policy
 

@@ -28,9 +28,9 @@ from apil_core.config.absent import completed
 from apil_core.games.two_players import TwoPlayerGames
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import load_policy, make_game, plugins_with
-from apil_core.policies.seats import victim_side
+from apil_core.policies.loading import victim_side
 from apil_core.training.export.adversary_file import to_bytes, without_folders
-from apil_core.training.export.run_policy import Source, run_path
+from apil_core.training.export.run_policy import RunCheckpoint, run_path
 from apil_core.training.export.traced_network import Traced, onnx_bytes, torchscript_bytes, trace
 from apil_core.training.storage import checkpoint
 
@@ -90,7 +90,7 @@ def export(
     path = run_path(run)
     if path is None:
         raise ConfigError(f"{run} is no run directory; apil export takes what `apil run` wrote")
-    source = Source.find(path, checkpoint_path)
+    source = RunCheckpoint.find(path, checkpoint_path)
     out = (out or source.run_dir.path / f"adversary{SUFFIXES[format]}").absolute()
     if out.is_dir() or not out.parent.is_dir():
         raise ConfigError(
@@ -113,7 +113,7 @@ def export(
 class _Export:
     """Export of one run."""
 
-    def __init__(self, source: Source, config: RunConfig, plugins: PluginRegistry, game: Game):
+    def __init__(self, source: RunCheckpoint, config: RunConfig, plugins: PluginRegistry, game: Game):
         self.source = source
         self.config = config
         self.plugins = plugins
@@ -121,7 +121,7 @@ class _Export:
         self.side = 1 - victim_side(config, plugins)
         self.seat = game.layout.sides[self.side]
         self.policy, self.steps = source.policy(config, game.layout, plugins, 0, "run")
-        if self.policy.hooks.fills("filter_observation"):
+        if self.policy.hooks.implements("filter_observation"):
             raise ConfigError(
                 f"{source.run_dir.path} filters what both sides see; it can only play from its run"
             )

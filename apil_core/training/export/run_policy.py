@@ -16,7 +16,7 @@ from apil_core.config.absent import completed
 from apil_core.config.kind import is_retraining
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import make_game
-from apil_core.policies.seats import victim_side
+from apil_core.policies.loading import victim_side
 from apil_core.training.adversary import AdversaryPolicy
 from apil_core.training.build import adversary_policy
 from apil_core.training.storage import checkpoint
@@ -38,7 +38,7 @@ def run_path(name: Path | str) -> Path | None:
 
 
 @dataclass(frozen=True)
-class Source:
+class RunCheckpoint:
     """A run and one of its checkpoints.
 
     Attributes:
@@ -50,7 +50,7 @@ class Source:
     path: Path
 
     @classmethod
-    def find(cls, path: Path, checkpoint_path: Path | None = None) -> Source:
+    def find(cls, path: Path, checkpoint_path: Path | None = None) -> RunCheckpoint:
         """From a run's directory or one of its checkpoints.
 
         Args:
@@ -117,7 +117,7 @@ def load(name: str, *, seat: SideLayout | None, plugins: PluginRegistry, device:
     Raises:
         ApilError: there is no such run, or it was trained for another seat.
     """
-    source = Source.find(Path(name))
+    source = RunCheckpoint.find(Path(name))
     config = source.run_dir.config().model_copy(update={"device": device})
     plugins = discover(config.plugins) if config.plugins else plugins
     config = completed(config, plugins)
@@ -132,6 +132,6 @@ def load(name: str, *, seat: SideLayout | None, plugins: PluginRegistry, device:
         other = f"the {seat.name}" if seat.name != trained.name else f"another {seat.name}"
         raise ConfigError(f"{name} trained the {trained.name} of {config.env}; it cannot be {other}")
     policy, _ = source.policy(config, layout, plugins, 0, f"{SCHEME}{source.path}")
-    if policy.hooks.fills("filter_observation"):
+    if policy.hooks.implements("filter_observation"):
         raise ConfigError(f"{name} filters what both sides see; it can only play as the adversary")
     return policy

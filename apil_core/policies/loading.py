@@ -44,7 +44,7 @@ def full_name(name: str, seat: SideLayout) -> str:
 
 
 @dataclass(frozen=True)
-class Taking:
+class LoadOptions:
     """How a policy takes its seat.
 
     Attributes:
@@ -64,7 +64,7 @@ def load_victim(
     side: int,
     device: str,
     plugins: PluginRegistry,
-    taking: Taking = Taking(),
+    load_options: LoadOptions = LoadOptions(),
 ) -> Policy:
     """Load a policy for that seat and check that it fits.
 
@@ -74,7 +74,7 @@ def load_victim(
         side: index of the seat.
         device: of the networks.
         plugins: who knows the scheme.
-        taking: trust, seed and order.
+        load_options: trust, seed and order.
 
     Raises:
         ConfigError: its sizes are not the seat's.
@@ -82,16 +82,16 @@ def load_victim(
     """
     seat = game.layout.sides[side]
     name = full_name(name, seat)
-    policy = load_policy(name, device=device, plugins=plugins, seat=seat, trust=taking.trust)
+    policy = load_policy(name, device=device, plugins=plugins, seat=seat, trust=load_options.trust)
     info = policy.info
     if (info.observation_size, info.action_size) != (seat.observation_size, seat.action_size):
         raise ConfigError(
             f"{name} takes {info.observation_size} observations and gives {info.action_size} actions, "
             f"but the {seat.name} has {seat.observation_size} and {seat.action_size}"
         )
-    policy.seed(taking.seed)
+    policy.seed(load_options.seed)
     other = game.layout.sides[1 - side]
-    check_policy(policy, seat, other, second=taking.second, device=device)
+    check_policy(policy, seat, other, second=load_options.second, device=device)
     return policy
 
 
@@ -107,9 +107,11 @@ def run_victim(config: RunConfig, game: Game, plugins: PluginRegistry, seed: int
     Raises:
         VictimError: the weights have changed since, or cannot be loaded.
     """
-    taking = Taking(config.trust, stream_seed(seed, "victim's hooks"))  # not what the adversary's draw from
+    load_options = LoadOptions(
+        config.trust, stream_seed(seed, "victim's hooks")
+    )  # not what the adversary's draw from
     name = victim_name(config, plugins)
-    policy = load_victim(name, game, victim_side(config, plugins), config.device, plugins, taking)
+    policy = load_victim(name, game, victim_side(config, plugins), config.device, plugins, load_options)
     expected, found = config.victim_sha256, policy.info.sha256
     if expected not in ("", found):
         raise VictimError(

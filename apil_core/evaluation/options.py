@@ -1,0 +1,105 @@
+"""Options of a pairing and of its score: the one model from which keywords and flags are made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, InstanceOf, ValidationError, model_validator
+
+from apil_core.api.config import ActionMode, BlindMode, RunConfig, Section
+from apil_core.api.profiles import Profile
+from apil_core.common.errors import ConfigError
+from apil_core.config.problems import Problem, problems_of
+from apil_core.plugins.discovery import PluginRegistry
+
+
+class OptionSet(Section):
+    """Options that functions take as keywords; what is wrong with them is one line each.
+
+    Raises:
+        ConfigError: one line per mistake.
+    """
+
+    def __init__(self, **options: Any):
+        try:
+            super().__init__(**options)
+        except ValidationError as error:
+            items = {tuple(item["loc"]): dict(item) for item in error.errors()}
+            problems = problems_of(error, type(self))
+            raise ConfigError("\n".join(_line(items[each.key], each) for each in problems)) from error
+
+    @classmethod
+    def of(cls, options: Section | None = None, **changes: Any) -> Self:
+        """``changes`` over what ``options`` states, as far as it is a field here."""
+        known = set() if options is None else options.model_fields_set & cls.model_fields.keys()
+        stated = {key: getattr(options, key) for key in known}
+        return cls(**{**stated, **changes})
+
+
+def _line(item: dict[str, Any], problem: Problem) -> str:
+    key = ".".join(map(str, problem.key))
+    if item["type"] == "greater_than_equal":
+        return f"{key} must be at least {item['ctx']['ge']:g}, got {item['input']}"
+    return f"{key}: {problem.reason}" if key else problem.reason
+
+
+class PairingOptions(OptionSet):
+    """How two players are loaded, and what they play."""
+
+    env: str | None = None
+    """Game; needed unless ADVERSARY is a run [default: the run's]."""
+    victim: str | None = None
+    """Whom it plays, named likewise [default: the run's victim, else the game's]."""
+    victim_seat: Literal[0, 1] | None = None
+    """Side of the victim, where the adversary is no run [default: the game's]."""
+    physics: Profile | None = None
+    """Physics profile; faithful: the game as it was made, fast: cheaper and nearly the same game
+    [default: the run's, else faithful]."""
+    adversary_actions: ActionMode | None = None
+    """Draw actions, or take the mode [default: as configured]."""
+    victim_actions: ActionMode | None = None
+    """Draw actions, or take the mode [default: as configured]."""
+    game_options: dict[str, Any] = Field(default_factory=dict)
+    """Options of the game to change."""
+    observers: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    """Observer to switch on besides the run's, such as a defence of the victim; repeatable."""
+    sets: tuple[str, ...] = ()
+    """One option of the game (game.KEY) or of an --observer (options.NAME.KEY); repeatable."""
+    checkpoint_path: Path | None = None
+    """Checkpoint of the run to take, or best [default: the newest]."""
+    plugin_files: tuple[str, ...] = ()
+    """One-file plugin to load; repeatable."""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """Seed of the games and of all draws."""
+    num_envs: Annotated[int, Field(ge=1)] | None = None
+    """Games in parallel; a seed's games depend on it [default: up to 128]."""
+    threads: Annotated[int, Field(ge=0)] = 0
+    """Physics threads; 0: all CPUs. Never changes results."""
+    device: str = "cpu"
+    """Where the networks live: cpu, cuda or cuda:N."""
+    trust: bool = False
+    """Allow players whose loading runs code, e.g. python:...; in Python: the command line has --trust."""
+    like: InstanceOf[RunConfig] | None = None
+    """Run in place of whose adversary a policy plays that no run trained: its game, victim and settings."""
+    plugins: InstanceOf[PluginRegistry] | None = None
+    """Registry to use [default: installed plugins, and the one-file plugins of the runs]."""
+
+
+class EvaluationOptions(PairingOptions):
+    """How an adversary is scored."""
+
+    episodes: Annotated[int, Field(ge=1)] = 1000
+    """Games to play; 1000 give ± 3 points at 50 %."""
+    blind: BlindMode | None = None
+    """Hide the opponent from the adversary: zeros, or the mean of starting states."""
+    blind_imitator: bool = False
+    """Hide it from the adversary's methods too, with --blind."""
+    blind_victim: BlindMode | None = None
+    """Hide the adversary from the victim: what is still won was not won by what it saw."""
+
+    @model_validator(mode="after")
+    def _imitator_needs_a_mode(self) -> Self:
+        if self.blind_imitator and self.blind is None:
+            raise ValueError("--blind-imitator needs --blind zeros or --blind initial")
+        return self
