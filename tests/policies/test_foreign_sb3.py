@@ -28,7 +28,7 @@ from apil_core import (
 )
 from apil_core.plugins.registry import default_plugins
 from apil_core.policies.conformance import check_policy
-from apil_core.policies.seats import load_victim
+from apil_core.policies.loading import load_victim
 from apil_core.training.storage.run_dir import RunDir
 from policies.foreign_files import seat, view
 
