@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import importlib
 import os
+import sys
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from pydantic import BaseModel
 
-from apil_core.common.errors import FAILURES, PluginError
+from apil_core.common.errors import PluginError
 
 
 @dataclass(frozen=True)
@@ -149,7 +152,7 @@ class GameSpec:
     factory: str
     summary: str = ""
     sides: tuple[str, str] = ("player_0", "player_1")
-    victim_side: int = 0
+    victim_side: Literal[0, 1] = 0
     default_victim: str = ""
     fallback_victim: str = ""
     baseline_adversary: str | None = None
@@ -223,6 +226,19 @@ class RecorderSpec:
     check: str = ""
 
 
+@contextmanager
+def foreign_code() -> Iterator[None]:
+    """While code of others is imported: what it prints goes to stderr, all it raises is an ``Exception``."""
+    try:
+        with redirect_stdout(sys.stderr):  # stdout is for results
+            yield
+    except (Exception, KeyboardInterrupt):
+        raise
+    except BaseException as error:  # sys.exit in a script that was never meant to be imported
+        reason = " ".join(str(error).split()) or "no message"
+        raise PluginError(f"{type(error).__name__}: {reason}") from error
+
+
 def load(reference: str, whose: str = "") -> Any:
     """Resolve ``"module:attribute"`` (or ``"module"``).
 
@@ -235,9 +251,10 @@ def load(reference: str, whose: str = "") -> Any:
     """
     module_name, _, attribute = reference.partition(":")
     try:
-        module = importlib.import_module(module_name)
-        return getattr(module, attribute) if attribute else module
-    except FAILURES as error:  # whatever a foreign module raises while it is imported
+        with foreign_code():
+            module = importlib.import_module(module_name)
+            return getattr(module, attribute) if attribute else module
+    except Exception as error:
         reason = " ".join(f"{error}".split()) or type(error).__name__
         asked = f"{whose}: " if whose else ""
         raise PluginError(f"{asked}cannot load {reference!r}: {reason}{_graphics_hint(error)}") from error

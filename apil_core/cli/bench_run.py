@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Collection
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -15,7 +15,7 @@ from cyclopts import Group, Parameter
 from apil_core.cli.flags import Json, Quiet
 from apil_core.cli.guard import INTERRUPTED, complain
 from apil_core.cli.progress import make_progress
-from apil_core.common.errors import ConfigError
+from apil_core.common.errors import ApilError, ConfigError
 from apil_core.studies.bench.matrix import NAMES_WITHOUT_BUDGET, matrix_names
 
 if TYPE_CHECKING:
@@ -233,9 +233,11 @@ def _same_as_stored(bench: BenchDir, benchmark: Benchmark, named: Collection[str
     asked = benchmark.matrix.model_copy(update={"victims": pinned, "version": matrix.version}, deep=True)
     benchmark = resolve_matrix(asked, str(bench.matrix_path))
     for cell in benchmark.cells:
-        run = bench.cell(cell.name)
-        if run.config_path.is_file():
-            check_same(run.config(), cell)
+        run, stored = bench.cell(cell.name), None
+        with suppress(ApilError):  # if it cannot be read, its job fails and says so
+            stored = run.config()
+        if stored is not None:
+            check_same(stored, cell)
         check_same_retraining(bench.retrained_dir(cell.name), benchmark.matrix.retraining)
     return benchmark
 

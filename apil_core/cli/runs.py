@@ -29,11 +29,11 @@ def list_(
     as_json: Json = False,
 ) -> None:
     """List runs: what was trained, how far it is, and its final score."""
-    from apil_core.training.storage.run_dir import list_runs
+    from apil_core.training.storage.run_dir import DEFAULT_ROOT, list_runs
 
-    if root.exists() and not root.is_dir():
+    if not root.is_dir() and (root.exists() or root != DEFAULT_ROOT):  # before the first run there is none
         raise RunDirError(f"{root} is no directory")
-    found = [_entry(run) for run in list_runs(root)]
+    found = [entry for run in list_runs(root) if (entry := _entry(run)) is not None]
     if as_json:
         print_json(found)
         return
@@ -66,23 +66,28 @@ def compare(
         _print(result)
 
 
-def _entry(run: RunDir) -> dict[str, Any]:
-    """One row of the listing; a run that cannot be read is listed with its error, not fatal."""
+def _entry(run: RunDir) -> dict[str, Any] | None:
+    """One row of the listing, ``None`` for a retraining; a run that cannot be read has its error in it."""
     from apil_core.config.game import stored_physics
+    from apil_core.config.kind import IsRetrainingError
+    from apil_core.training.storage.run_dir import scored_victim
 
     try:
         config, summary = run.config(), run.summary()
+    except IsRetrainingError:
+        return None
     except (ConfigError, RunDirError) as error:
         return {
             "path": str(run.path), "method": "?", "env": "?", "physics": None, "victim": "?",
             "seed": 0, "steps": 0, "status": str(error).splitlines()[0], "evaluation": None,
         }  # fmt: skip
     names = {"method": config.method, "env": config.env, "physics": stored_physics(config)}
-    return {**names, "victim": run.victim(), "seed": config.seed, **summary}
+    return {**names, "victim": scored_victim(summary) or config.victim, "seed": config.seed, **summary}
 
 
 def _share(evaluation: dict[str, Any] | None, key: str) -> str:
-    return f"{100 * evaluation[key]['value']:.1f} %" if evaluation else "–"
+    rate = (evaluation or {}).get(key)
+    return f"{100 * rate['value']:.1f} %" if rate else "–"
 
 
 def _print(result: Comparison) -> None:

@@ -107,11 +107,10 @@ def download(
 
 
 def _listings(plugin: list[Path]) -> list[PolicyListing]:
-    from apil_core.api.specs import load
+    from apil_core.plugins.default_victim import listings
     from apil_core.plugins.discovery import discover
 
-    specs = discover(plugin).policies.values()
-    return [row for spec in specs if spec.lister for row in load(spec.lister)()]
+    return [row for spec in discover(plugin).policies.values() for row in listings(spec)]
 
 
 def _print_inspection(found: Inspection) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from apil_core.common.errors import ApilError, ConfigError, RunDirError
 
@@ -39,6 +40,27 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
         if not isinstance(error, (OSError, RuntimeError)):  # torch.save reports a full disk as RuntimeError
             raise
         raise RunDirError(f"cannot write {path}: {error}; what was there before is untouched") from error
+
+
+def read_json(path: Path, kind: type = dict) -> Any:
+    """What a JSON file holds, or ``None`` if there is no such file.
+
+    Args:
+        path: the file.
+        kind: of its outermost value.
+
+    Raises:
+        RunDirError: it cannot be read, is not JSON in UTF-8, or another kind of value.
+    """
+    try:
+        value = json.loads(path.read_text("utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, RecursionError) as error:
+        raise RunDirError(f"{path} is damaged: {error}") from error
+    if not isinstance(value, kind):
+        raise RunDirError(f"{path} is damaged: it holds a {type(value).__name__}, not a {kind.__name__}")
+    return value
 
 
 def why_unwritable(directory: Path) -> str | None:

@@ -5,8 +5,15 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from apil_core.common.errors import RunDirError
+
 KIND = "retraining"
 """Value of ``kind`` in its ``config.yaml``, which a run's has not."""
+
+
+class IsRetrainingError(RunDirError):
+    """A retraining's directory where a run's was expected."""
+
 
 _MARK = re.compile(rf"^kind: {KIND}$", re.MULTILINE)
 

@@ -21,6 +21,7 @@ from apil_core.common.documents import plain
 from apil_core.common.errors import ConfigError, suggest
 from apil_core.config.absent import read_stored, with_absent
 from apil_core.config.game import game_model, profile_problems, settled
+from apil_core.config.kind import KIND, IsRetrainingError
 from apil_core.config.layers import (
     Key,
     Layer,
@@ -142,16 +143,21 @@ def load_resolved(path: Path) -> RunConfig:
 
     Raises:
         ConfigError: it cannot be read, is wrong or of a newer version.
+        IsRetrainingError: it is a retraining's.
     """
     from apil_core.plugins.registry import default_plugins
 
-    layer = file_layer(Path(path))
-    data, origins = merge({}, [layer])
-    check_version(data, origins)
+    data = file_layer(Path(path), quick=True).data
+    if data.get("kind") == KIND:
+        folder = Path(path).parent
+        raise IsRetrainingError(f"{folder} is a retraining, no run; its victim is retrained:{folder}")
     try:
+        check_version(data, {})
         config = read_stored(data, default_plugins(), RunConfig)
-    except ValidationError as error:
-        raise_problems(problems_of(error, RunConfig), origins)
+    except (ConfigError, ValidationError) as error:  # once more, for its lines
+        origins = file_layer(Path(path)).origins
+        check_version(data, origins)
+        raise_problems(problems_of(error, RunConfig) if isinstance(error, ValidationError) else [], origins)
         raise
     missing = [key for key in _IDENTITY if key not in data]
     if missing:

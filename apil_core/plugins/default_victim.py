@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from apil_core.api.specs import GameSpec, PolicyListing, load
+from apil_core.api.specs import GameSpec, PolicyListing, PolicySpec, load
 from apil_core.common.errors import ApilError, UnknownNameError
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import load_policy
@@ -30,8 +30,7 @@ def is_here(name: str, plugins: PluginRegistry) -> bool:
     spec = plugins.policies.get(scheme)
     if spec is None or spec.lister is None:
         return True
-    rows = {row.name: row.available for row in load(spec.lister)()}
-    return rows.get(name, True)
+    return {row.name: row.available for row in listings(spec)}.get(name, True)
 
 
 def why_absent(name: str, plugins: PluginRegistry) -> str:
@@ -45,7 +44,7 @@ def why_absent(name: str, plugins: PluginRegistry) -> str:
         return str(UnknownNameError("policy", name, [f"{known}:…" for known in plugins.policies]))
     if spec.file and not Path(rest).expanduser().exists():
         return f"{name}: {rest}: no such file"
-    if spec.lister and name not in {row.name for row in load(spec.lister)() if row.available}:
+    if spec.lister and name not in {row.name for row in listings(spec) if row.available}:
         try:
             load_policy(name, plugins=plugins)  # says what is wrong, and how to get it
         except ApilError as error:
@@ -64,12 +63,20 @@ def default_baseline(spec: GameSpec, plugins: PluginRegistry) -> str:
     stand_ins = [pair.adversary for pair in spec.matchups if pair.stands_in_for == own]
     students = [f"embedded:{name.partition(':')[2]}" for name in (own, *stand_ins)]
     # a student's name is made up here, so it must be on a list, not merely on none
-    listed = {row.name for row in _listing("embedded", plugins)}
+    embedded = plugins.policies.get("embedded")
+    listed = {row.name for row in (listings(embedded) if embedded else ())}
     known = [name for name in (own, *stand_ins) if is_here(name, plugins)]
     return next(iter([*known, *(name for name in students if name in listed)]), "")
 
 
-def _listing(scheme: str, plugins: PluginRegistry) -> list[PolicyListing]:
-    spec = plugins.policies.get(scheme)
-    rows: list[PolicyListing] = load(spec.lister)() if spec is not None and spec.lister else []
-    return rows
+def listings(spec: PolicySpec) -> list[PolicyListing]:
+    """The policies of a scheme; where its lister fails, one row that says why."""
+    try:
+        rows = list(load(spec.lister)()) if spec.lister else []
+        odd = [row for row in rows if not isinstance(row, PolicyListing)]
+        if odd:
+            raise TypeError(f"its lister gives {odd[0]!r}, which is no PolicyListing")
+        return rows
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        return [PolicyListing(f"{spec.scheme}:…", available=False, provenance=f"cannot be listed: {reason}")]

@@ -11,17 +11,26 @@ import importlib.util
 import os
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import pluggy
+from pydantic import TypeAdapter, ValidationError
 
 from apil_core.api.hook_api import check_version, stated_version, version_in_source
 from apil_core.api.hooks import PROJECT
 from apil_core.api.hookspecs import ProcessHooks, RunHooks
-from apil_core.api.specs import GameSpec, MethodSpec, ObserverSpec, PolicySpec, RecorderSpec, RunPluginSpec
-from apil_core.common.errors import FAILURES, PluginError, UnknownNameError
+from apil_core.api.specs import (
+    GameSpec,
+    MethodSpec,
+    ObserverSpec,
+    PolicySpec,
+    RecorderSpec,
+    RunPluginSpec,
+    foreign_code,
+)
+from apil_core.common.errors import PluginError, UnknownNameError
 from apil_core.common.trust import check
 from apil_core.plugins.validation import register, unmarked
 
@@ -80,9 +89,10 @@ class PluginRegistry:
         try:
             record.hook_api = stated_version(plugin)
             check_version(record.name, record.hook_api)
-            offers = _ask(record, plugin)
+            with foreign_code():
+                offers = _ask(record, plugin)
             self._check_duplicates(record, offers)
-        except FAILURES as error:
+        except Exception as error:
             self._reject(record, error)
             return
         self.records.append(record)
@@ -232,10 +242,21 @@ def _ask(record: PluginRecord, plugin: Any) -> dict[str, dict[str, Any]]:
             for spec in answer:
                 if not isinstance(spec, spec_type):
                     raise PluginError(f"{hook} must return {spec_type.__name__} objects, got {spec!r}")
+                _check_fields(spec, getattr(spec, key))
                 if getattr(spec, key) in offers[kind]:
                     raise PluginError(f"{hook} returns {getattr(spec, key)!r} twice")
                 offers[kind][getattr(spec, key)] = spec
     return offers
+
+
+def _check_fields(spec: Any, name: object) -> None:
+    """Whether every field has a value of its type, lest a listing stumble over one."""
+    try:
+        TypeAdapter(type(spec)).validate_python(asdict(spec))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise PluginError(f"{type(spec).__name__} {name!r}: {where}: {first['msg']}") from error
 
 
 def discover(files: Sequence[str | Path] = (), *, forgiving: bool = False) -> PluginRegistry:
@@ -257,8 +278,9 @@ def discover(files: Sequence[str | Path] = (), *, forgiving: bool = False) -> Pl
             registry.add_failure(record, PluginError(f"a plugin named {record.name!r} exists already"))
             continue
         try:
-            plugin = entry_point.load()
-        except FAILURES as error:  # a script that was never meant to be imported
+            with foreign_code():
+                plugin = entry_point.load()
+        except Exception as error:
             registry.add_failure(record, error, entry_point.module)
         else:
             registry.add(record, plugin)
@@ -274,8 +296,9 @@ def discover(files: Sequence[str | Path] = (), *, forgiving: bool = False) -> Pl
 def _add_file(registry: PluginRegistry, path: Path) -> PluginRecord:
     record = PluginRecord(path.stem, "", f"file {path.resolve()}")
     try:
-        plugin = import_file(path)
-    except FAILURES as error:
+        with foreign_code():
+            plugin = import_file(path)
+    except Exception as error:
         registry.add_failure(record, error, path)
     else:
         registry.add(record, plugin)

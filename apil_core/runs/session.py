@@ -310,8 +310,7 @@ class Session:
         return result
 
     def _close(self) -> None:
-        with suppress(OSError, ApilError):  # what went wrong was told when it was written
-            self.log.close()
+        self.log.close()
         self.progress.finished(self.run_dir.path)
         self.trainer.attack.game.close()
         self.trainer.side_games.close()

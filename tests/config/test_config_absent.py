@@ -10,7 +10,18 @@ from typing import Annotated
 import pytest
 from helpers.small_runs import small_config
 
-from apil_core import ApilError, ConfigError, RunConfig, RunDirError, Section, absent, evaluate, resume, run
+from apil_core import (
+    ApilError,
+    ConfigError,
+    RunConfig,
+    RunDirError,
+    Section,
+    absent,
+    evaluate,
+    resume,
+    run,
+    trust,
+)
 from apil_core.config.absent import filled, with_absent
 from apil_core.config.layers import parse_yaml
 from apil_core.config.resolve import dump_yaml, flatten, load_resolved, resolve
@@ -117,6 +128,7 @@ def test_a_plugins_new_key_means_what_its_author_says(tmp_path):
     run(config, out=tmp_path / "r")
     aged(tmp_path, "after", "    size: Annotated[float, absent(-1.0)] = 7.0\n")
     change(tmp_path / "r" / "config.yaml", "before.py", "after.py")  # a process loads a file once
+    trust(str(tmp_path / "after.py"))
     evaluate(tmp_path / "r", episodes=5)
     resume(tmp_path / "r", steps=1024)
     assert RunDir(tmp_path / "r").config().options["aged"] == {"kept": 1, "size": -1.0}

@@ -192,8 +192,7 @@ class RetrainCourse:
             self.files.write_json(self.files.result_path, failed)
 
     def _close(self) -> None:
-        with suppress(OSError, ApilError):  # what went wrong was told when it was written
-            self.log.close()
+        self.log.close()
         self.progress.finished(self.directory.path)
 
 

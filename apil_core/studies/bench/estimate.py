@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from apil_core.api.config import RunConfig
+from apil_core.common.errors import RunDirError
 from apil_core.studies.bench.cells import Benchmark, Cell
 from apil_core.studies.bench.folder import BenchDir
 from apil_core.studies.bench.jobs import Job, JobStatus
@@ -85,9 +86,16 @@ def estimate(
             rates[cell.name] = Rate(known[kind], "measured now")
         else:
             rates[cell.name] = Rate(own, "its run")
-    training = {c.name: _left(status, c) / rates[c.name].steps_per_second for c in benchmark.cells}
+    training: dict[str, float] = {}
+    scoring: dict[str, float] = {}
     lengths: dict[Any, float] = {}
-    scoring = {c.name: _scoring(c, benchmark, status, lengths, threads, note) for c in benchmark.cells}
+    for cell in benchmark.cells:
+        training[cell.name] = scoring[cell.name] = 0.0
+        try:
+            training[cell.name] = _left(status, cell) / rates[cell.name].steps_per_second
+            scoring[cell.name] = _scoring(cell, benchmark, status, lengths, threads, note)
+        except RunDirError as error:  # one damaged cell is no reason to tell nothing of the others
+            note(f"{cell.name}: {error}")
     hardening = [job for job in jobs or () if job.kind == "retrained" and not status.is_done(job)]
     return Estimate(
         rates, training, scoring, sum(job.steps / rates[job.subject].steps_per_second for job in hardening)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from apil_core.common.errors import RunDirError
-from apil_core.common.files import locked, write_atomically
+from apil_core.common.files import locked, read_json, write_atomically
 from apil_core.common.trust import remember
 from apil_core.studies.bench.matrix import Matrix, load_matrix
 from apil_core.training.storage.run_dir import RunDir
@@ -171,10 +171,8 @@ class BenchDir:
         """Why a job's last attempt failed, or ``""``."""
         path = self._failure_path(job)
         try:
-            return str(json.loads(path.read_text())["error"])
-        except FileNotFoundError:
-            return ""
-        except (OSError, ValueError, KeyError):
+            return str((read_json(path) or {"error": ""})["error"])
+        except (RunDirError, KeyError):
             return f"unknown: {path} is damaged"
 
     def note_failure(self, job: str, error: str) -> None:

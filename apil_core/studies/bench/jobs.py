@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from apil_core.common.errors import ApilError
 from apil_core.studies.bench.cells import Benchmark, Cell
 from apil_core.studies.bench.folder import BenchDir, read_score
 from apil_core.studies.bench.matrix import ScoreConfig
@@ -97,10 +98,12 @@ class JobStatus:
     def is_done(self, job: Job) -> bool:
         """Whether nothing of it is left to do.
 
-        Raises:
-            RunDirError: a file of its results is damaged.
+        Where a file of its results is damaged it is not: the job fails then, and says which.
         """
-        return bool(getattr(self, f"_{job.kind}_done")(job.subject))
+        try:
+            return bool(getattr(self, f"_{job.kind}_done")(job.subject))
+        except ApilError:
+            return False
 
     def trained(self, cell: Cell) -> bool:
         """Whether a cell's training has its budget, or was stopped early as agreed."""

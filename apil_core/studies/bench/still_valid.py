@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from apil_core.common.errors import ConfigError
+from apil_core.common.errors import ApilError, ConfigError
 from apil_core.studies.bench.matrix import RetrainingStage
 
 if TYPE_CHECKING:
@@ -96,7 +96,10 @@ def check_same_retraining(directory: Path, stage: RetrainingStage | None) -> Non
 
     if stage is None or not is_retraining(directory):
         return
-    stored = RetrainDir(directory).config()
+    try:
+        stored = RetrainDir(directory).config()
+    except ApilError:  # its job fails and says so
+        return
     for key in ("adversary_share", "mix", "freeze"):
         before, now = getattr(stored, key), getattr(stage, key)
         if before != now:

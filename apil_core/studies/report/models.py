@@ -23,8 +23,8 @@ class Warning(BaseModel):
 
     Attributes:
         kind: ``ties``, ``seeds``, ``episodes``, ``budget``, ``physics``, ``victim``, ``action modes``,
-            ``settings``, ``imitator``, ``no attack``, ``unfinished``, ``delta r``, ``copies``, ``stale``,
-            ``baseline``.
+            ``settings``, ``imitator``, ``no attack``, ``unfinished``, ``damaged``, ``delta r``, ``copies``,
+            ``stale``, ``baseline``.
         loud: concerns every number of a setting; else single cells.
         text: one whole sentence with the numbers.
         setting, game, column: what it is about; ``None``: all of them.

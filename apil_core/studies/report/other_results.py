@@ -56,12 +56,10 @@ def snapshots(sources: Sources) -> list[Snapshot]:
 
 
 def activations(sources: Sources) -> list[ActivationMap]:
-    """Every activation map of the benchmarks' games.
-
-    Raises:
-        ConfigError: a document is damaged.
-    """
+    """Every activation map of the benchmarks' games."""
     found = (
-        read_activations(bench, game) for bench, matrix in sources.benches.values() for game in matrix.games
+        sources.read(read_activations, bench, game)
+        for bench, matrix in sources.benches.values()
+        for game in matrix.games
     )
     return [each for each in found if each is not None]

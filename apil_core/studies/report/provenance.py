@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from apil_core.common.files import read_json
 from apil_core.studies.bench.jobs import CELL
 from apil_core.studies.report.models import Provenance, RunFacts, Unfinished
 from apil_core.studies.report.settings import Key
@@ -17,7 +17,7 @@ from apil_core.studies.report.sources import Run, Sources, StoredBench
 
 def provenance(sources: Sources) -> Provenance:
     """All of it."""
-    facts = [_facts(run) for run in sources.runs]
+    facts = [_facts(run, _session(run, sources)) for run in sources.runs]
     versions: dict[str, list[str]] = {}
     for name, version in ((n, v) for each in facts for n, v in each.versions.items()):
         versions.setdefault(name, [])
@@ -47,8 +47,8 @@ def _all(texts: Iterable[str]) -> list[str]:
     return sorted({text for text in texts if text})
 
 
-def _facts(run: Run) -> RunFacts:
-    last, session = run.dir.last_metrics(), _session(run.dir.environment_path)
+def _facts(run: Run, session: Mapping[str, Any]) -> RunFacts:
+    last = run.dir.last_metrics()
     seconds = float(last.get("wall_seconds", 0.0))
     return RunFacts(
         game=run.config.env,
@@ -70,14 +70,12 @@ def _facts(run: Run) -> RunFacts:
     )
 
 
-def _session(path: Path) -> dict[str, Any]:
+def _session(run: Run, sources: Sources) -> dict[str, Any]:
     """The last session's note; an empty one if there is none that can be read."""
-    try:
-        sessions = json.loads(path.read_text())
-        session = dict(sessions[-1])
-        return {**session, "versions": dict(session.get("versions", {}))}
-    except (OSError, ValueError, IndexError, TypeError):
-        return {}
+    sessions = sources.read(read_json, run.dir.environment_path, list) or [{}]
+    session = sessions[-1] if isinstance(sessions[-1], dict) else {}
+    versions = session.get("versions")
+    return {**session, "versions": versions if isinstance(versions, dict) else {}}
 
 
 def unfinished(sources: Sources, unscored: Sequence[tuple[Key, Run]]) -> list[Unfinished]:

@@ -40,6 +40,7 @@ def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
     tables, all_settings = [*attacks, *defences], [*named.values(), *further]
     differences = method_differences(tables)
     logged, panels = diagnostics(groups, named), curve_panels(groups, named, attacks, columns)
+    mapped, origin = other_results.activations(sources), provenance(sources)
     ended, missing = endings(attacks), unfinished(sources, groups.unscored)
     found: list[Warning] = [
         *warnings.setting_warnings(all_settings, tables),
@@ -47,6 +48,7 @@ def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
         *warnings.attack_warnings(attacks, differences, panels, all_settings),
         *warnings.tie_warnings(ended, attacks),
         *warnings.training_warnings(logged),
+        *(Warning(kind="damaged", loud=True, text=text) for text in sources.damaged),
     ]
     return ReportData(
         title=_title(sources),
@@ -61,13 +63,13 @@ def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
         ablations=ablations(groups, named, logged),
         endings=ended,
         crossplay=[played.document for played in documents],
-        activations=other_results.activations(sources),
+        activations=mapped,
         snapshots=other_results.snapshots(sources),
         diagnostics=logged,
         claims=claims(tables, all_settings),
         warnings=sorted(_placed(found, all_settings), key=lambda warning: not warning.loud),
         unfinished=missing,
-        provenance=provenance(sources),
+        provenance=origin,
     )
 
 

@@ -105,18 +105,14 @@ class Played(NamedTuple):
 
 
 def crossplays(sources: Sources) -> list[Played]:
-    """The cross-plays of all benchmarks that have any game.
-
-    Raises:
-        ApilError: a document is damaged.
-    """
+    """The cross-plays of all benchmarks that have any game."""
     keys = {str(Path(run.path).resolve()): key_of(run, None) for run in sources.runs}
     attacks = {path: Attack(key.steps or 0, key.victim, key.axes) for path, key in keys.items()}
     found = []
     for bench, matrix in sources.benches.values():
         steps = matrix.retraining.steps if matrix.retraining else None
         for path in (bench.crossplay_path(game) for game in matrix.games):
-            document = CrossPlay.read(path) if path.is_file() else None
+            document = sources.read(CrossPlay.read, path) if path.is_file() else None
             if document is not None and document.played:
                 found.append(Played(document, steps, _known(bench, document, attacks)))
     return found

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from apil_core.api.config import RunConfig
 from apil_core.common.errors import ApilError, ConfigError, RunDirError
@@ -19,6 +19,8 @@ from apil_core.studies.bench.matrix import PLAIN, Matrix
 from apil_core.studies.curves.curves import final_score
 from apil_core.studies.report.models import Unfinished
 from apil_core.training.storage.run_dir import RunDir
+
+Read = TypeVar("Read")
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,15 @@ class Sources:
     missing: list[Unfinished] = field(default_factory=list)
     baselines: list[EvaluationResult] = field(default_factory=list)
     benches: dict[str, tuple[StoredBench, Matrix]] = field(default_factory=dict)
+    damaged: list[str] = field(default_factory=list)
+
+    def read(self, reader: Callable[..., Read], *args: Any) -> Read | None:
+        """What ``reader`` gives; ``None``, and a note in ``damaged``, where a file is damaged."""
+        try:
+            return reader(*args)
+        except ApilError as error:
+            self.damaged.append(str(error))
+            return None
 
     @property
     def games(self) -> list[str]:
@@ -131,11 +142,12 @@ def read_sources(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> Sources:
             _read_bench(StoredBench(shown), found)
         elif RunDir(shown).config_path.is_file():
             if path not in {Path(run.path).resolve() for run in found.runs}:
-                found.runs.append(_read_run(RunDir(shown), shown.name))
+                run = found.read(_read_run, RunDir(shown), shown.name)
+                found.runs.extend([run] if run is not None else [])
         else:
             raise RunDirError(f"{shown} is no benchmark (no matrix.yaml in it) and no run (no config.yaml)")
     if not found.runs and not found.missing:
-        raise ConfigError(f"nothing to report in {', '.join(map(str, dirs))}")
+        raise ConfigError("\n".join([f"nothing to report in {', '.join(map(str, dirs))}", *found.damaged]))
     return found
 
 
@@ -153,7 +165,7 @@ def _read_bench(bench: StoredBench, found: Sources) -> None:
         except ApilError as error:  # one damaged cell is no reason to show none
             found.missing.append(_missing(cell, "damaged", str(error)))
     for game, victim in victims:
-        scores = (bench.baseline(game, name, victim) for name in matrix.scores)
+        scores = (found.read(bench.baseline, game, name, victim) for name in matrix.scores)
         found.baselines.extend(score for score in scores if score is not None)
 
 

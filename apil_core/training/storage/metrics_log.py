@@ -102,12 +102,17 @@ class RowLog:
                 self._ask(recorder, summarize, scores)
 
     def close(self) -> None:
-        """Write what is pending, and close the recorders whatever is raised."""
-        with ExitStack() as stack:
-            for recorder in self.recorders:
-                stack.callback(self._close, recorder)
+        """Write what is pending, and close the recorders; what fails is noted and costs no result."""
+        try:
             if self.pending and not self._failed:
                 self._write()
+        except FAILURES as error:
+            self._note(f"the log lacks its last row: {' '.join(str(error).split()) or type(error).__name__}")
+        for recorder in self.recorders:
+            try:
+                recorder.close()
+            except FAILURES as error:
+                self._tell_of(recorder, error, "")
 
     def _write(self) -> None:
         row = merged(self.pending)
@@ -122,7 +127,7 @@ class RowLog:
     ) -> None:
         """Call one of a recorder's methods; a dispensable one that fails is asked no more."""
         try:
-            method(row)
+            method(dict(row))  # its own: it may change it
         except FAILURES as error:
             if not getattr(recorder, "dispensable", False):
                 raise
@@ -130,16 +135,6 @@ class RowLog:
             self._tell_of(recorder, error, "; the run goes on without it")
             with suppress(*FAILURES):  # it may well fail again
                 recorder.close()
-
-    def _close(self, recorder: Recorder) -> None:
-        if recorder not in self.recorders:  # it failed just now, and is closed
-            return
-        try:
-            recorder.close()
-        except FAILURES as error:
-            if not getattr(recorder, "dispensable", False):
-                raise
-            self._tell_of(recorder, error, "")
 
     def _tell_of(self, recorder: Recorder, error: BaseException, consequence: str) -> None:
         name = getattr(recorder, "name", type(recorder).__name__)

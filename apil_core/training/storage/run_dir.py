@@ -8,23 +8,27 @@ import platform
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel, ValidationError
+
 from apil_core.api.config import RunConfig
 from apil_core.common.errors import RunDirError
-from apil_core.common.files import LOCK, is_taken, locked, write_atomically
+from apil_core.common.files import LOCK, is_taken, locked, read_json, write_atomically
 from apil_core.common.trust import remember
-from apil_core.config.kind import is_retraining
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.training.distributed.world import World
 
 DEFAULT_ROOT = Path("runs")
 BEST = "best"
 """Name of the checkpoint that won most, wherever one is chosen."""
+_TAIL = 1 << 18
+"""Bytes at the end of a log in which its newest row is looked for."""
+
 _PACKAGES = ("apil", "torch", "mujoco", "numpy", "rsl-rl-lib", "gymnasium", "pettingzoo", "tensordict")
 
 
@@ -89,15 +93,17 @@ class RunDir:
 
     def write_config(self, config: RunConfig, plugins: PluginRegistry) -> None:
         """Store the resolved configuration; ``plugins`` explain their options in its comments."""
+        from apil_core.config.layers import write_copy
         from apil_core.config.resolve import dump_yaml
 
-        text = dump_yaml(config, plugins).encode()
-        write_atomically(self.config_path, lambda file: file.write(text))
+        text = dump_yaml(config, plugins)
+        write_atomically(self.config_path, lambda file: file.write(text.encode()))
+        write_copy(self.config_path, text)
 
     def note_environment(self, command: Sequence[str]) -> None:
         """Append this session (command, versions, host, git) to ``environment.json``."""
         try:
-            sessions = self._read_json(self.environment_path) or []
+            sessions = read_json(self.environment_path, list) or []
         except RunDirError:  # only a note: a damaged one must not keep a run from going on
             self.environment_path.replace(self.environment_path.with_suffix(".json.damaged"))
             sessions = []
@@ -113,8 +119,6 @@ class RunDir:
         """
         if not self.config_path.is_file():
             raise RunDirError(f"{self.path} is no run directory (no config.yaml in it)")
-        if is_retraining(self.path):
-            raise RunDirError(f"{self.path} is a retraining, no run; its victim is retrained:{self.path}")
         from apil_core.config.resolve import load_resolved
 
         return load_resolved(self.config_path)
@@ -216,9 +220,12 @@ class RunDir:
         write_atomically(path, lambda file: file.write(text))
 
     def result(self) -> dict[str, Any] | None:
-        """Content of ``result.json``, or ``None`` before the first end."""
-        value: dict[str, Any] | None = self._read_json(self.result_path)
-        return value
+        """Content of ``result.json``, or ``None`` before the first end.
+
+        Raises:
+            RunDirError: it is damaged.
+        """
+        return _result(self.result_path)
 
     def results(self) -> dict[Path, dict[str, Any]]:
         """Results by file: the last end's, and earlier ones' if the run was extended.
@@ -227,7 +234,7 @@ class RunDir:
             RunDirError: one of them is damaged.
         """
         paths = [*self._retired(), self.result_path]
-        return {path: value for path in paths if (value := self._read_json(path))}
+        return {path: value for path in paths if (value := _result(path))}
 
     def victim(self) -> str:
         """Name of the policy under attack, as the run's score has it; before that, as configured.
@@ -235,51 +242,98 @@ class RunDir:
         Raises:
             RunDirError: this is no run directory.
         """
-        score = self.summary()["evaluation"] or {}
-        return str(score.get("victim", {}).get("name") or self.config().victim)
+        return scored_victim(self.summary()) or self.config().victim
 
     def processes(self) -> int:
         """Number of processes that train it together; 1 if unknown."""
-        with suppress(RunDirError):  # only a note: a damaged one must not keep the run from being read
-            sessions = self._read_json(self.environment_path) or [{}]
-            return int(sessions[-1].get("processes", 1))
+        # only a note: a damaged one must not keep the run from being read
+        with suppress(RunDirError, LookupError, TypeError, ValueError):
+            return int(read_json(self.environment_path, list)[-1]["processes"])
         return 1
 
     def summary(self) -> dict[str, Any]:
         """Name, status and progress for listings; never raises for a half-written run."""
-        last = self.last_metrics()
-        unfinished = "running or killed" if last else "empty"
+        last, damage = self._last_metrics()
+        unfinished = damage or ("running or killed" if last else "empty")
         try:
             result = self.result() or {}
-        except RunDirError:
-            result, unfinished = {}, "damaged"
+        except RunDirError as error:
+            result, unfinished = {}, str(error)
         return {
             "path": str(self.path),
-            "status": result.get("status", unfinished),
+            "status": damage or result.get("status", unfinished),
             "steps": int(last.get("steps", result.get("steps", 0))),
             "evaluation": result.get("evaluation"),
         }
 
     def last_metrics(self) -> dict[str, Any]:
-        """The newest complete line of ``metrics.jsonl``, or an empty dict."""
-        if not self.metrics_path.is_file():
-            return {}
-        for line in reversed(self.metrics_path.read_text("utf-8", errors="replace").splitlines()):
-            try:
-                value = json.loads(line)
-            except json.JSONDecodeError:
-                continue  # the line a kill cut short
-            if isinstance(value, dict):
-                return value
-        return {}
+        """The numbers in the newest complete row of ``metrics.jsonl``, or an empty dict."""
+        return self._last_metrics()[0]
 
-    def _read_json(self, path: Path) -> Any:
-        if not path.is_file():
-            return None
+    def _last_metrics(self) -> tuple[dict[str, Any], str]:
+        """The newest row that can be read, and what is wrong with a newer one, or ``""``."""
+        damage = ""
         try:
-            return json.loads(path.read_text())
-        except (OSError, json.JSONDecodeError) as error:
-            raise RunDirError(f"{path} is damaged: {error}") from error
+            with self.metrics_path.open("rb") as file:
+                file.seek(max(file.seek(0, os.SEEK_END) - _TAIL, 0))
+                lines = file.read().decode("utf-8", errors="replace").splitlines()
+        except FileNotFoundError:
+            lines = []
+        except OSError as error:
+            lines, damage = [], f"{self.metrics_path} cannot be read: {error.strerror}"
+        for line in reversed(lines):
+            try:
+                row = {name: value for name, value in json.loads(line).items() if value is not None}
+                if all(isinstance(value, (int, float)) for value in row.values()):
+                    int(row.get("steps", 0))
+                    return row, damage
+            except json.JSONDecodeError:
+                continue  # a line that a kill, or the tail's begin, cut short
+            except (ValueError, AttributeError, ArithmeticError, RecursionError):
+                pass
+            damage = damage or f"{self.metrics_path}: damaged line"
+        return {}, damage
+
+
+class _Named(BaseModel):
+    name: str = ""
+
+
+class _Rate(BaseModel):
+    value: float
+
+
+class _Score(BaseModel):
+    victim: _Named = _Named()
+    win_rate: _Rate | None = None
+    win_or_tie_rate: _Rate | None = None
+
+
+class _Result(BaseModel):
+    """What listings and benchmarks read of ``result.json``."""
+
+    status: str = ""
+    steps: int = 0
+    stopped: str = ""
+    evaluation: _Score | None = None
+    hardened: dict[str, Any] = {}
+
+
+def _result(path: Path) -> dict[str, Any] | None:
+    value: dict[str, Any] | None = read_json(path)
+    try:
+        _Result.model_validate(value or {})
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"]))
+        raise RunDirError(f"{path} is damaged: {key}: {first['msg']}") from error
+    return value
+
+
+def scored_victim(summary: Mapping[str, Any]) -> str:
+    """Name of the victim of a run's score, or ``""`` before there is one."""
+    score = summary["evaluation"] or {}
+    return str(score.get("victim", {}).get("name", ""))
 
 
 def part_of_rank(path: Path, rank: int) -> Path:
@@ -288,9 +342,17 @@ def part_of_rank(path: Path, rank: int) -> Path:
 
 
 def list_runs(root: Path = DEFAULT_ROOT) -> list[RunDir]:
-    """All runs below ``root``, by path; retrainings are none."""
-    found = sorted(path.parent for path in root.glob("**/config.yaml"))
-    return [RunDir(path) for path in found if not is_retraining(path)]
+    """All directories of runs and retrainings below ``root``, by path; those behind links too, each once."""
+    found, seen = [], set()
+    for folder, names, files in os.walk(root, followlinks=True):
+        if (real := os.path.realpath(folder)) in seen:
+            names.clear()
+            continue
+        seen.add(real)
+        names.sort(key=lambda name: (os.path.islink(os.path.join(folder, name)), name))  # links last
+        if "config.yaml" in files:
+            found.append(Path(folder))
+    return [RunDir(path) for path in sorted(found)]
 
 
 def environment(command: Sequence[str]) -> dict[str, Any]:
