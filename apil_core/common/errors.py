@@ -39,6 +39,21 @@ FAILURES = (Exception, SystemExit)
 """What other people's code raises when it fails: ``sys.exit(0)`` in it is no success of ours."""
 
 
+_REASON = 300
+"""Characters of a foreign reason that are shown."""
+
+
+def reason_of(error: BaseException) -> str:
+    """Kind and text of an exception that is not ours, on one line; a long one loses its middle.
+
+    TorchScript and onnxruntime begin with where it happened, and end with what did.
+    """
+    text = " ".join(str(error).split())
+    if len(text) > _REASON:
+        text = f"{text[: _REASON // 3]} … {text[-2 * _REASON // 3 :]}"
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
 def suggest(name: str, known: Iterable[str]) -> str:
     """``" (did you mean 'x'?; known: ...)"`` for an unknown ``name`` among ``known``."""
     names = sorted(known)

@@ -252,23 +252,27 @@ class RunHookManager:
 
     def _failure(self, error: BaseException, otherwise: tuple[str, str] = ("", "")) -> PluginError:
         """What was raised, and by whom; by ``otherwise`` if no hook implementation is on the stack."""
-        name, hook = self._culprit(error.__traceback__) or otherwise
+        name, hook, where = self._culprit(error.__traceback__) or (*otherwise, "")
         reason = " ".join(str(error).split())
-        return PluginError(f"plugin {name!r} failed in {hook}: {type(error).__name__}: {reason}")
+        return PluginError(f"plugin {name!r} failed in {hook}: {type(error).__name__}: {reason}{where}")
 
-    def _culprit(self, traceback: TracebackType | None) -> tuple[str, str] | None:
-        """The innermost hook implementation on the stack: (plugin, hook)."""
+    def _culprit(self, traceback: TracebackType | None) -> tuple[str, str, str] | None:
+        """The innermost hook implementation on the stack: plugin, hook, and `` (FILE:LINE)`` in its file."""
         owners = {
             impl.function.__code__: (impl.plugin_name, name)
             for name in vars(self.manager.hook)
             for impl in getattr(self.manager.hook, name).get_hookimpls()
             if hasattr(impl.function, "__code__")
         }
-        found = None
+        found, file, line = None, "", 0
         while traceback is not None:
-            found = owners.get(traceback.tb_frame.f_code, found)
+            code = traceback.tb_frame.f_code
+            if code in owners:
+                found, file = owners[code], code.co_filename
+            if code.co_filename == file:
+                line = traceback.tb_lineno
             traceback = traceback.tb_next
-        return found
+        return found and (*found, f" ({file}:{line})")
 
 
 def short_repr(value: Any) -> str:

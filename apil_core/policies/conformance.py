@@ -15,7 +15,7 @@ from torch import Tensor
 from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy
 from apil_core.api.types import Decision, View
-from apil_core.common.errors import FAILURES, ApilError, VictimError
+from apil_core.common.errors import FAILURES, ApilError, VictimError, reason_of
 
 _GAMES = 4
 _SEED = 0
@@ -191,8 +191,7 @@ def _told(games: int) -> Iterator[None]:
     except ApilError:
         raise
     except FAILURES as error:
-        reason = " ".join(str(error).split())[:200]
-        raise _BrokenError(f"fails on {games} games: {type(error).__name__}: {reason}") from error
+        raise _BrokenError(f"fails on {games} games: {reason_of(error)}") from error
 
 
 def _check(decision: Decision, shape: tuple[int, int]) -> None:

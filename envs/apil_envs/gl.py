@@ -7,6 +7,7 @@ import importlib
 import os
 import subprocess
 import sys
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from apil_core import ApilError
@@ -15,6 +16,11 @@ BACKENDS = {"glfw": "a screen", "egl": "EGL", "osmesa": "OSMesa"}
 """Values of ``MUJOCO_GL`` on Linux, and what each draws through."""
 
 _ADVICE = "install one: `apt-get install libegl1` or `apt-get install libosmesa6`"
+_BLOCKING = (
+    *("PYOPENGL_PLATFORM", "EGL_PLATFORM", "MUJOCO_EGL_DEVICE_ID", "EGL_DEVICE_ID"),
+    *("__EGL_VENDOR_LIBRARY_FILENAMES", "__EGL_VENDOR_LIBRARY_DIRS", "LIBGL_DRIVERS_PATH", "GALLIUM_DRIVER"),
+)
+"""Variables that keep an OpenGL that is there from being used."""
 _TRIAL = """
 import mujoco
 model = mujoco.MjModel.from_xml_string("<mujoco/>")
@@ -59,20 +65,24 @@ def _first_working(backends: tuple[str, ...]) -> str:
     for backend in backends:
         if works(backend):
             return backend
+    for name in (name for name in _BLOCKING if name in os.environ):
+        if any(works(backend, without=name) for backend in backends):
+            raise ApilError(f"cannot draw: {name}={os.environ[name]} keeps OpenGL from working; unset it")
     tried = ", ".join(BACKENDS[backend] for backend in backends)
     only = f" (MUJOCO_GL={backends[0]})" if len(backends) == 1 else ""
     raise ApilError(f"cannot draw: no OpenGL here, tried {tried}{only}; {_ADVICE}")
 
 
-def works(backend: str) -> bool:
-    """Try to draw something with that backend, in a process of its own.
+def works(backend: str, without: str = "") -> bool:
+    """Try to draw something with that backend, in a process of its own, perhaps without a variable.
 
     The libraries of two backends in one process disturb each other, and a broken driver may end it.
     """
-    environment = {**os.environ, "MUJOCO_GL": backend}
-    command = [sys.executable, "-c", _TRIAL]
-    try:
-        done = subprocess.run(command, env=environment, capture_output=True, timeout=_PATIENCE, check=False)
-    except subprocess.TimeoutExpired:
-        return False
-    return done.returncode == 0
+    environment = {name: value for name, value in os.environ.items() if name != without}
+    command = [sys.executable, "-P", "-c", _TRIAL]
+    how: Any = {"env": {**environment, "MUJOCO_GL": backend}, "capture_output": True, "timeout": _PATIENCE}
+    with TemporaryDirectory() as folder:  # a failure leaves MuJoCo's log there
+        try:
+            return subprocess.run(command, cwd=folder, check=False, **how).returncode == 0
+        except subprocess.TimeoutExpired:
+            return False

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
@@ -19,6 +21,18 @@ _BAD = [
         mujoco.mjtWarning.mjWARN_BADQACC,
     )
 ]
+_told: set[str] = set()
+
+
+def _tell(text: str) -> None:
+    """Each kind of warning once on stderr: by itself MuJoCo writes MUJOCO_LOG.TXT in the user's folder."""
+    kind = text.partition(" Time =")[0]
+    if kind not in _told:
+        _told.add(kind)
+        print(f"MuJoCo: {kind}", file=sys.stderr)
+
+
+mujoco.set_mju_user_warning(_tell)
 
 
 class Physics:

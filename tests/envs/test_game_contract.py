@@ -5,6 +5,8 @@ They are those that ``check_game`` holds third parties' games to; the views' are
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from helpers.every_game import GAME_NAMES, short_game
@@ -48,7 +50,10 @@ def test_its_spec_is_sound(name: str) -> None:
 
 @pytest.mark.parametrize("poison", [np.nan, np.inf, 1e30, -2e10])
 @pytest.mark.parametrize("name", MUJOCO_GAMES)
-def test_divergence_ends_that_game_alone(name: str, poison: float) -> None:
+def test_divergence_ends_that_game_alone(
+    name: str, poison: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     broken, sane = started(short_game(name, GAMES), 1), started(short_game(name, GAMES), 1)
     assert isinstance(broken, MujocoGame)
     play = Play(sane, 3)
@@ -62,6 +67,7 @@ def test_divergence_ends_that_game_alone(name: str, poison: float) -> None:
     for reward in (step.sparse, step.dense, step.shaping):
         assert (reward[:, 2] == 0).all()
     assert not step.done[others].any()
+    assert list(tmp_path.iterdir()) == [], "MuJoCo leaves no log in the current folder"
     np.testing.assert_array_equal(step.dense[:, others], expected.dense[:, others])
     for seen, wanted in zip(broken.observations, sane.observations, strict=True):
         assert np.isfinite(seen).all()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -236,3 +237,16 @@ def test_no_window_without_a_screen(fresh: None) -> None:
     game = short_game("kick-and-defend", 1)
     with pytest.raises(ApilError, match="no screen"):
         game.open_window(0, (BLUE, RED))
+
+
+def test_a_variable_that_keeps_opengl_from_working_is_named(
+    fresh: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    if not gl.works("egl"):
+        pytest.skip("no EGL here")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    monkeypatch.setenv("PYOPENGL_PLATFORM", "osmesa")
+    with pytest.raises(ApilError, match="PYOPENGL_PLATFORM=osmesa keeps OpenGL from working; unset it$"):
+        gl.prepare()
+    assert list(tmp_path.iterdir()) == [], "MuJoCo's log of the trial is elsewhere"

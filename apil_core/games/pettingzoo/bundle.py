@@ -19,8 +19,8 @@ from gymnasium.spaces import Box, Dict, MultiBinary, Space
 from pettingzoo import ParallelEnv
 
 from apil_core.api.game import NO_WINNER, Array
-from apil_core.common.errors import FAILURES
-from apil_core.games.pettingzoo.maker import Maker, one_line, prints_to_stderr
+from apil_core.common.errors import FAILURES, reason_of
+from apil_core.games.pettingzoo.maker import Maker, prints_to_stderr
 from apil_core.games.pettingzoo.spaces import Seat
 
 CAUSES = ("terminated", "truncated", "time-up", "diverged")
@@ -90,7 +90,7 @@ class Bundle(gymnasium.Env[Any, Any]):
             with prints_to_stderr():
                 return self._envs[game].render() if self._envs else None
         except FAILURES as error:
-            return one_line(error)
+            return reason_of(error)
 
     def _tried(self, do: Callable[[], None]) -> dict[str, Any]:
         try:
@@ -99,7 +99,7 @@ class Bundle(gymnasium.Env[Any, Any]):
             with prints_to_stderr():
                 do()
         except FAILURES as error:
-            return {"failure": one_line(error)}
+            return {"failure": reason_of(error)}
         return {}
 
     def _begin(self, games: Array, seeds: Array) -> None:

@@ -10,9 +10,9 @@ import numpy as np
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
 from apil_core.api.game import Array
-from apil_core.common.errors import PluginError
+from apil_core.common.errors import PluginError, reason_of
 from apil_core.games.pettingzoo.bundle import make_bundle
-from apil_core.games.pettingzoo.maker import Maker, one_line
+from apil_core.games.pettingzoo.maker import Maker
 from apil_core.games.pettingzoo.spaces import Seat
 
 
@@ -82,7 +82,7 @@ class Bundles:
             self._vector = self._vector or self._start()
             shown, *_, info = getattr(self._vector, method)(*args, **kwargs)
         except (EOFError, OSError) as error:
-            raise self._broken(f"a worker process died ({one_line(error)})") from error
+            raise self._broken(f"a worker process died ({reason_of(error)})") from error
         self._busy = False
         if "failure" in info:
             texts = [text for text, told in zip(info["failure"], info["_failure"], strict=True) if told]

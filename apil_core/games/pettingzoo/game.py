@@ -9,11 +9,11 @@ import numpy as np
 
 from apil_core.api.game import NO_WINNER, Array, Game, GameLayout, GameStep
 from apil_core.common.colours import Colour
-from apil_core.common.errors import FAILURES, ApilError, ConfigError, PluginError
+from apil_core.common.errors import FAILURES, ApilError, ConfigError, PluginError, reason_of
 from apil_core.games.pettingzoo.bundle import CAUSES, DIVERGED, GOES_ON, TIME_UP, UNSAID
 from apil_core.games.pettingzoo.bundles import Bundles
 from apil_core.games.pettingzoo.history import History
-from apil_core.games.pettingzoo.maker import Maker, one_line, prints_to_stderr
+from apil_core.games.pettingzoo.maker import Maker, prints_to_stderr
 from apil_core.games.pettingzoo.options import PettingZooOptions
 from apil_core.games.pettingzoo.picture import fitted
 from apil_core.games.pettingzoo.repeatable import check_repeatable
@@ -176,7 +176,7 @@ class PettingZooGame(Game):
         except ConfigError as error:
             raise ConfigError(f"{self.name}: {error}") from error
         except FAILURES as error:
-            raise ConfigError(f"{self.name}: a first trial failed: {one_line(error)}") from error
+            raise ConfigError(f"{self.name}: a first trial failed: {reason_of(error)}") from error
         finally:
             env.close()
         return first, second

@@ -15,14 +15,8 @@ from typing import Any
 
 from pettingzoo import AECEnv, ParallelEnv
 
-from apil_core.common.errors import FAILURES, ConfigError
+from apil_core.common.errors import FAILURES, ConfigError, reason_of
 from apil_core.plugins.discovery import import_file
-
-
-def one_line(error: BaseException) -> str:
-    """Kind and text of an exception that is not ours."""
-    text = " ".join(str(error).split())
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
 
 
 @dataclass(frozen=True)
@@ -52,7 +46,7 @@ class Maker:
         try:
             found = cls(target).callable
         except FAILURES as error:
-            raise ConfigError(f"game pettingzoo:{target}: cannot be loaded: {one_line(error)}") from error
+            raise ConfigError(f"game pettingzoo:{target}: cannot be loaded: {reason_of(error)}") from error
         if not callable(found):
             raise ConfigError(f"game pettingzoo:{target}: {attribute} is not callable")
         return cls(target, kwargs, getattr(sys.modules[module], "__file__", None))
@@ -81,7 +75,7 @@ class Maker:
         try:
             env = self()
         except FAILURES as error:
-            raise ConfigError(f"{name}: the environment cannot be made: {one_line(error)}") from error
+            raise ConfigError(f"{name}: the environment cannot be made: {reason_of(error)}") from error
         if isinstance(env, AECEnv):
             raise ConfigError(f"{name}: this is an AECEnv, played in turns; name its parallel_env instead")
         if not isinstance(env, ParallelEnv):

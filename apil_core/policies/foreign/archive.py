@@ -13,8 +13,8 @@ from pathlib import PurePosixPath
 
 import torch
 
-from apil_core.common.errors import VictimError
-from apil_core.policies.foreign.origin import Origin, one_line
+from apil_core.common.errors import VictimError, reason_of
+from apil_core.policies.foreign.origin import Origin
 
 MAX_BYTES = 1 << 30
 """Largest unpacked content of an archive."""
@@ -35,7 +35,7 @@ def read_archive(origin: Origin, kind: str) -> dict[str, bytes]:
     except VictimError:
         raise
     except Exception as error:  # zipfile raises half a dozen kinds for damaged files
-        raise origin.wrong(f"{kind}, a zip archive", f"a file that is none ({one_line(error)})") from error
+        raise origin.wrong(f"{kind}, a zip archive", f"a file that is none ({reason_of(error)})") from error
     folders = {name.partition("/")[0] for name, _ in content}
     inner = [PurePosixPath(name.partition("/")[2]) for name, _ in content]
     plain = all(path.parts and ".." not in path.parts and not path.is_absolute() for path in inner)

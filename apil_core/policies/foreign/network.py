@@ -25,8 +25,8 @@ from torch import Tensor
 from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.api.types import Decision, DiagonalGaussian, View
-from apil_core.common.errors import FAILURES, ApilError, VictimError
-from apil_core.policies.foreign.origin import Origin, one_line
+from apil_core.common.errors import FAILURES, ApilError, VictimError, reason_of
+from apil_core.policies.foreign.origin import Origin
 from apil_core.policies.recurrent_state import Memory
 
 SIGNATURE_FILE = "apil.json"
@@ -191,7 +191,7 @@ class NetworkPolicy(Policy):
         except ApilError:
             raise
         except FAILURES as error:  # whatever the network's runtime raises
-            raise VictimError(f"{self.info.name} fails on inputs {shapes}: {one_line(error)}") from error
+            raise VictimError(f"{self.info.name} fails on inputs {shapes}: {reason_of(error)}") from error
         refuse_values(self.info.name, getattr(answer, "_fields", ()))
         outputs = [answer] if isinstance(answer, Tensor) else answer
         states = len(self.signature.state)

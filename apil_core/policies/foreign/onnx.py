@@ -14,10 +14,10 @@ from torch import Tensor
 
 from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy
-from apil_core.common.errors import VictimError
+from apil_core.common.errors import VictimError, reason_of
 from apil_core.common.extras import need
 from apil_core.policies.foreign.network import SIGNATURE_FILE, NetworkPolicy, Signature, refuse_values
-from apil_core.policies.foreign.origin import Origin, one_line
+from apil_core.policies.foreign.origin import Origin
 
 KIND = "an ONNX model"
 
@@ -53,7 +53,7 @@ def _with_weights(origin: Origin) -> Origin:
     try:
         named = sorted(set(_locations(ModelProto.FromString(content))))
     except Exception as error:  # protobuf's own
-        raise origin.wrong(KIND, one_line(error)) from error
+        raise origin.wrong(KIND, reason_of(error)) from error
     parts = [content]
     for location in named:
         path, folder = (origin.path.parent / location).resolve(), origin.path.parent.resolve()
@@ -80,7 +80,7 @@ def _session(origin: Origin, runtime: Any) -> Any:
     try:
         return runtime.InferenceSession(str(origin.path), options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime has a dozen kinds of its own
-        raise origin.wrong(KIND, one_line(error)) from error
+        raise origin.wrong(KIND, reason_of(error)) from error
 
 
 def _checked(origin: Origin, session: Any, signature: Signature) -> Signature:

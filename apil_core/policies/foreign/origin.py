@@ -40,9 +40,3 @@ class Origin:
     def wrong(self, expected: str, found: str) -> VictimError:
         """The error that says what is wrong with the file."""
         return VictimError(f"{self.name}: expected {expected}, found {found}")
-
-
-def one_line(error: BaseException) -> str:
-    """Kind and text of an exception that is not ours, cut short."""
-    text = " ".join(str(error).split())[:200]
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__

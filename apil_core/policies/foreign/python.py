@@ -18,10 +18,10 @@ import torch
 from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.api.types import Decision, View
-from apil_core.common.errors import FAILURES, ApilError, VictimError
+from apil_core.common.errors import FAILURES, ApilError, VictimError, reason_of
 from apil_core.common.files import sha256
 from apil_core.policies.foreign.network import NetworkPolicy, Signature
-from apil_core.policies.foreign.origin import Origin, one_line
+from apil_core.policies.foreign.origin import Origin
 
 
 def load(name: str, *, seat: SideLayout | None) -> Policy:
@@ -61,7 +61,7 @@ def _found(name: str, module_name: str, attribute: str) -> Any:
         raise
     except FAILURES as error:
         where = getattr(sys.modules.get(module_name), "__file__", None) or f"looked in {here} too"
-        raise VictimError(f"python:{name}: {module_name} ({where}): {one_line(error)}") from error
+        raise VictimError(f"python:{name}: {module_name} ({where}): {reason_of(error)}") from error
     if not callable(target):
         raise VictimError(f"python:{name}: expected something callable, found {type(target).__name__}")
     return target
@@ -83,7 +83,7 @@ def _guarded(origin: Origin, what: str, call: Callable[[], Any]) -> Any:
         raise
     except FAILURES as error:
         raise VictimError(
-            f"{origin.name} {what}: {one_line(error)} (APIL_DEBUG=1 shows the traceback)"
+            f"{origin.name} {what}: {reason_of(error)} (APIL_DEBUG=1 shows the traceback)"
         ) from error
 
 

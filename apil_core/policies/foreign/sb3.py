@@ -21,7 +21,8 @@ import torch
 from torch import Tensor
 
 from apil_core.api.policy import Policy, PolicyInfo
-from apil_core.policies.foreign.origin import Origin, one_line
+from apil_core.common.errors import reason_of
+from apil_core.policies.foreign.origin import Origin
 from apil_core.policies.foreign.sb3_networks import ARS, KNOWN, make_policy
 
 KIND = "a zip of Stable-Baselines3 (model.save)"
@@ -62,7 +63,7 @@ def load(name: str) -> Policy:
     try:
         weights = torch.load(io.BytesIO(pth), map_location="cpu", weights_only=True)
     except Exception as error:
-        raise origin.wrong("policy.pth with tensors only", one_line(error)) from error
+        raise origin.wrong("policy.pth with tensors only", reason_of(error)) from error
     if not isinstance(weights, Mapping) or not all(
         isinstance(name, str) and isinstance(part, Tensor) for name, part in weights.items()
     ):
@@ -90,7 +91,7 @@ def _parts(origin: Origin) -> tuple[dict[str, Any], bytes]:
             texts, pth = archive.read("data"), archive.read("policy.pth")
         data = json.loads(texts)
     except (zipfile.BadZipFile, zlib.error, OSError, ValueError, EOFError, RuntimeError) as error:
-        raise origin.wrong(KIND, one_line(error)) from error
+        raise origin.wrong(KIND, reason_of(error)) from error
     if not isinstance(data, dict):
         raise origin.wrong(KIND, "JSON of another kind in 'data'")
     return data, pth

@@ -18,9 +18,10 @@ import torch
 
 from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy
+from apil_core.common.errors import reason_of
 from apil_core.policies.foreign.archive import read_archive, rebuilt
 from apil_core.policies.foreign.network import SIGNATURE_FILE, NetworkPolicy, Signature
-from apil_core.policies.foreign.origin import Origin, one_line
+from apil_core.policies.foreign.origin import Origin
 
 KIND = "an archive of torch.export.save"
 
@@ -75,7 +76,7 @@ def _parsed(origin: Origin, content: Mapping[str, bytes], part: str) -> Any:
     try:
         return json.loads(content[part])
     except (ValueError, RecursionError) as error:
-        raise origin.wrong(f"JSON in {part}", one_line(error)) from error
+        raise origin.wrong(f"JSON in {part}", reason_of(error)) from error
 
 
 def _without(value: Any, keys: tuple[str, ...]) -> Any:
@@ -144,7 +145,7 @@ def _check_games(origin: Origin, graph: Any) -> None:
         names = [spec["arg"]["as_tensor"]["name"] for spec in specs]
         games = [dict(inside["graph"]["tensor_values"][name]["sizes"][0]) for name in names]
     except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise origin.wrong("a network that takes tensors (n, k)", one_line(error)) from error
+        raise origin.wrong("a network that takes tensors (n, k)", reason_of(error)) from error
     for name, size in zip(names, games, strict=True):
         if "as_int" in size:
             raise origin.wrong(
@@ -183,6 +184,6 @@ def _open(origin: Origin, archive: Any) -> torch.nn.Module:
     try:
         return torch.export.load(archive).module(check_guards=False)
     except Exception as error:
-        raise origin.wrong(KIND, one_line(error)) from error
+        raise origin.wrong(KIND, reason_of(error)) from error
     finally:
         log.setLevel(level)

@@ -16,9 +16,10 @@ from torch import Tensor
 
 from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy
+from apil_core.common.errors import reason_of
 from apil_core.policies.foreign.archive import read_archive, rebuilt
 from apil_core.policies.foreign.network import SIGNATURE_FILE, NetworkPolicy, Signature
-from apil_core.policies.foreign.origin import Origin, one_line
+from apil_core.policies.foreign.origin import Origin
 
 KIND = "a TorchScript archive (torch.jit.save)"
 
@@ -74,4 +75,4 @@ def _open(origin: Origin, content: Mapping[str, bytes]) -> Any:
             warnings.simplefilter("ignore", DeprecationWarning)  # torch would rather have torch.export
             return torch.jit.load(archive, map_location="cpu").eval()
     except Exception as error:
-        raise origin.wrong(KIND, one_line(error)) from error
+        raise origin.wrong(KIND, reason_of(error)) from error

@@ -20,10 +20,10 @@ from torch import Tensor
 from apil_core.api.config import RunConfig
 from apil_core.api.game import GameLayout, SideLayout
 from apil_core.api.policy import PolicyInfo
-from apil_core.common.errors import ApilError, ConfigError, VictimError
+from apil_core.common.errors import ApilError, ConfigError, VictimError, reason_of
 from apil_core.config.absent import read_stored
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.policies.foreign.origin import Origin, one_line
+from apil_core.policies.foreign.origin import Origin
 from apil_core.training.adversary import AdversaryPolicy
 from apil_core.training.build import adversary_policy
 
@@ -108,7 +108,7 @@ def load_file(
         trained = layout.sides[side]
         provenance = dict(json.loads(metadata["provenance"]))
     except (SafetensorError, OSError, *_ODD) as error:
-        raise origin.wrong(f"a file of format {FORMAT}", f"a damaged one ({one_line(error)})") from error
+        raise origin.wrong(f"a file of format {FORMAT}", f"a damaged one ({reason_of(error)})") from error
     if seat and seat.discrete:  # files older than unbounded scores say ±10
         trained = replace(trained, action_low=seat.action_low, action_high=seat.action_high)
     if seat not in (None, trained):
@@ -128,7 +128,7 @@ def load_file(
     except ApilError as error:
         raise VictimError(f"{origin.name}: {error}") from error
     except _ODD as error:
-        raise origin.wrong(f"state that fits method {config.method!r}", one_line(error)) from error
+        raise origin.wrong(f"state that fits method {config.method!r}", reason_of(error)) from error
     if policy.hooks.implements("filter_observation"):
         raise ConfigError(f"{origin.name} filters what both sides see; it can only play from its run")
     return policy

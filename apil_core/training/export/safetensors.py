@@ -6,9 +6,10 @@ from safetensors import SafetensorError, safe_open
 
 from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy
+from apil_core.common.errors import reason_of
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.policies import student
-from apil_core.policies.foreign.origin import Origin, one_line
+from apil_core.policies.foreign.origin import Origin
 from apil_core.training.export import adversary_file
 
 
@@ -23,7 +24,7 @@ def load(name: str, *, seat: SideLayout | None, plugins: PluginRegistry, device:
         with safe_open(origin.path, framework="pt") as file:
             found = (file.metadata() or {}).get("format", "none")
     except (SafetensorError, OSError, ValueError) as error:
-        raise origin.wrong("a safetensors file", one_line(error)) from error
+        raise origin.wrong("a safetensors file", reason_of(error)) from error
     if found == student.FORMAT:
         return student.load_file(origin.path, origin.name)
     if found == adversary_file.FORMAT:

@@ -17,10 +17,9 @@ from torch import Tensor, nn
 from apil_core.api.game import SideLayout
 from apil_core.api.method import RunPlugin
 from apil_core.api.types import View
-from apil_core.common.errors import ApilError
+from apil_core.common.errors import ApilError, reason_of
 from apil_core.policies.foreign.archive import rebuilt
 from apil_core.policies.foreign.network import SIGNATURE_FILE, Reads, Signature
-from apil_core.policies.foreign.origin import one_line
 from apil_core.training.adversary import AdversaryPolicy
 
 OPSET = 20
@@ -195,7 +194,8 @@ def _program(network: nn.Module, examples: tuple[Tensor, ...]) -> Any:
 
 def _untraceable(error: Exception) -> ApilError:
     return ApilError(
-        f"this adversary is no fixed network of tensor operators: {one_line(error)}; use --format safetensors"
+        f"this adversary is no fixed network of tensor operators: {reason_of(error)}; "
+        "use --format safetensors"
     )
 
 

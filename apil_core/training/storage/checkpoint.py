@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from apil_core.api.config import RunConfig
-from apil_core.common.errors import RunDirError
+from apil_core.common.errors import RunDirError, reason_of
 from apil_core.common.files import write_atomically
 from apil_core.config.absent import with_absent
 from apil_core.config.resolve import flatten
@@ -166,5 +166,4 @@ def fitting(path: Path) -> Iterator[None]:
     try:
         yield
     except (KeyError, ValueError, RuntimeError, TypeError) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise RunDirError(f"{path} does not fit this run: {type(error).__name__}: {reason}") from error
+        raise RunDirError(f"{path} does not fit this run: {reason_of(error)}") from error
