@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
-from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
+from ruamel.yaml.error import YAMLError
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from apil_core.common.errors import ConfigError, RunDirError, UnknownNameError
 from apil_core.common.files import read_json, write_atomically
@@ -30,6 +30,11 @@ Key = tuple[str | int, ...]
 CONFIG, ENVIRONMENT = "config.yaml", "environment.json"
 """What every run directory holds: its settings, and where and with what they were used."""
 
+_CHARACTERS, _NODES, _DEPTH = 200_000, 20_000, 50
+"""How large a YAML text may be: more than any settings, less than is slow to read."""
+
+_SHOWN = 200
+"""Characters of a ``--set`` that messages show."""
 _PATH_KEYS = ("init_from", "plugins")
 POLICY_NAME = re.compile(r"[a-z][a-z0-9_-]+:")
 """How names of policies begin: with a scheme."""
@@ -145,15 +150,13 @@ def set_layer(assignment: str) -> Layer:
     Raises:
         ConfigError: it has no ``=``, an empty key or a value that is no YAML.
     """
-    origin = f"--set {assignment}"
+    shown = " ".join(assignment.split())
+    origin = f"--set {shown if len(shown) < _SHOWN else shown[:_SHOWN] + '…'}"
     dotted, equals, text = assignment.partition("=")
     parts = tuple(dotted.strip().split("."))
     if not equals or not all(parts):
         raise ConfigError(f"{origin}: expected key=value, e.g. ppo.epochs=8")
-    try:
-        value = YAML(typ="safe", pure=True).load(StringIO(text))
-    except YAMLError as error:
-        raise ConfigError(f"{origin}: the value is not YAML: {_reason(error)}") from error
+    value, _ = _read(text, f"{origin}: the value is not YAML", lines=False)
     return Layer(_nest(parts, value), dict.fromkeys(_keys(value, parts), origin), command_line=True)
 
 
@@ -191,16 +194,7 @@ def parse_yaml(text: str, origin: str) -> tuple[dict[str, Any], dict[Key, int]]:
     Raises:
         ConfigError: it is not YAML or not a mapping; the message starts with ``origin:line``.
     """
-    yaml = YAML(typ="safe", pure=True)
-    try:
-        root = yaml.compose(StringIO(text))
-        data = None if root is None else yaml.constructor.construct_document(root)
-    except MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        line = f":{mark.line + 1}" if mark else ""
-        raise ConfigError(f"{origin}{line}: {_reason(error)}") from error
-    except (YAMLError, ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise ConfigError(f"{origin}: {_reason(error)}") from error  # the latter of an impossible date, say
+    data, root = _read(text, origin)
     if data is None:
         return {}, {}
     if not isinstance(data, dict):
@@ -210,7 +204,45 @@ def parse_yaml(text: str, origin: str) -> tuple[dict[str, Any], dict[Key, int]]:
     return data, lines
 
 
-def _collect_lines(node: Node, prefix: Key, lines: dict[Key, int]) -> None:
+def _read(text: str, origin: str, *, lines: bool = True) -> tuple[Any, Node | None]:
+    """Data of a YAML text and its nodes.
+
+    Raises:
+        ConfigError: it is not YAML, or larger than any settings are; begins with ``origin`` and the line.
+    """
+    yaml = YAML(typ="safe", pure=True)
+    try:
+        if len(text) > _CHARACTERS:
+            raise ValueError(f"{len(text):,} characters, settings have {_CHARACTERS:,} at most")
+        root = yaml.compose(StringIO(text))
+        _check_size(root)
+        return None if root is None else yaml.constructor.construct_document(root), root
+    except RecursionError as error:
+        raise ConfigError(f"{origin}: nested too deeply") from error
+    except (YAMLError, ValueError, TypeError, AttributeError) as error:  # ValueError: an impossible date, say
+        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+        line = f":{mark.line + 1}" if mark and lines else ""
+        raise ConfigError(f"{origin}{line}: {_reason(error)}") from error
+
+
+def _check_size(root: Node | None) -> None:
+    """Count nodes, those behind aliases each time: few of them can stand for more than fits in memory."""
+    stack, count = [(root, 0)], 0
+    while stack:
+        node, depth = stack.pop()
+        count += 1
+        if count > _NODES or depth > _DEPTH:
+            raise ValueError(f"more than {_NODES:,} values or {_DEPTH} levels (aliases count each time)")
+        if isinstance(node, MappingNode):
+            for key, value in node.value:
+                if not isinstance(key, ScalarNode):
+                    raise ValueError(f"line {key.start_mark.line + 1}: a key must be one word")
+                stack.append((value, depth + 1))
+        elif isinstance(node, SequenceNode):
+            stack += [(item, depth + 1) for item in node.value]
+
+
+def _collect_lines(node: Node | None, prefix: Key, lines: dict[Key, int]) -> None:
     if isinstance(node, MappingNode):
         for key, value in node.value:
             lines[(*prefix, key.value)] = key.start_mark.line + 1
@@ -280,4 +312,6 @@ def _shown(value: Any) -> str:
 
 def _reason(error: Exception) -> str:
     text = getattr(error, "problem", None) or str(error)
+    if "another document" in text:
+        return "a second document begins here: settings are one"
     return " ".join(text.split("\n")[0].split())
