@@ -233,11 +233,11 @@ def _same_as_stored(bench: BenchDir, benchmark: Benchmark, named: Collection[str
     asked = benchmark.matrix.model_copy(update={"victims": pinned, "version": matrix.version}, deep=True)
     benchmark = resolve_matrix(asked, str(bench.matrix_path))
     for cell in benchmark.cells:
-        run, stored = bench.cell(cell.name), None
+        run, begun = bench.cell(cell.name), None
         with suppress(ApilError):  # if it cannot be read, its job fails and says so
-            stored = run.config()
-        if stored is not None:
-            check_same(stored, cell)
+            begun = run.config()
+        if begun is not None:
+            check_same(begun, cell)
         check_same_retraining(bench.retrained_dir(cell.name), benchmark.matrix.retraining)
     return benchmark
 

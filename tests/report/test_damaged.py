@@ -10,7 +10,7 @@ import pytest
 
 from apil_core.studies.bench.cells import resolve_matrix
 from apil_core.studies.bench.folder import BenchDir
-from apil_core.studies.bench.jobs import Ledger, make_jobs
+from apil_core.studies.bench.jobs import JobStatus, make_jobs
 from apil_core.studies.bench.schedule import jobs_done
 from apil_core.studies.report.report_data import gather
 from apil_core.training.storage.run_dir import RunDir
@@ -63,7 +63,7 @@ def test_the_rest_is_reported_and_run(
     ]
     assert any(str(damaged) in text for text in told), told
     benchmark = resolve_matrix(bench.matrix())
-    assert len(jobs_done(make_jobs(benchmark), Ledger(bench, benchmark))) == done
+    assert len(jobs_done(make_jobs(benchmark), JobStatus(bench, benchmark))) == done
 
 
 @pytest.mark.parametrize("name", ["result.json", "metrics.jsonl"])
