@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
@@ -26,7 +26,7 @@ from apil_core.runs.session import Session
 from apil_core.runs.warm_start import load_teacher
 from apil_core.training.build import build
 from apil_core.training.distributed.join import joined
-from apil_core.training.distributed.world import World
+from apil_core.training.distributed.world import ALONE, World
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.checkpoint import check_same_run, check_same_world, fitting
 from apil_core.training.storage.metrics_log import iterations_in_rows
@@ -34,6 +34,7 @@ from apil_core.training.storage.recorders import truncate_metrics
 from apil_core.training.storage.run_dir import RunDir, part_of_rank
 from apil_core.training.trainer import Trainer
 
+Config = TypeVar("Config", bound=RunConfig)
 _SHAPE = ("hidden", "action_unit", "critic_observes")
 """Settings of PPO that decide what networks look like and mean."""
 
@@ -122,8 +123,8 @@ def resume(
                 f"{path} has the first process's part only: it can be scored, but not be gone on from"
             )
         state = _read(path, stored, registry, world)
-        config = _changed(stored, steps, threads)
-        ended = _check_unfinished(directory, state, config, world)
+        config = changed(stored, steps, threads)
+        ended = check_unfinished(directory, state, config, world)
         trainer = _trainer(config, registry, world)
         with fitting(path):
             trainer.load_state_dict(state)
@@ -172,7 +173,7 @@ def _abandon_best_after(path: Path, steps: int) -> None:
             path.replace(path.with_name(f"{path.name}.abandoned"))
 
 
-def _check_unfinished(directory: RunDir, state: dict[str, Any], config: RunConfig, world: World) -> bool:
+def check_unfinished(directory: RunDir, state: dict[str, Any], config: RunConfig, world: World) -> bool:
     """Whether the run has ended there, early; if with its whole budget, that is an error."""
     result = directory.result() or {}
     # a run killed during its final evaluation has all its steps but no result for them yet
@@ -185,11 +186,16 @@ def _check_unfinished(directory: RunDir, state: dict[str, Any], config: RunConfi
     return bool(ended)
 
 
-def _changed(config: RunConfig, steps: int | None, threads: int | None) -> RunConfig:
+def changed(config: Config, steps: int | None, threads: int | None) -> Config:
+    """``config`` with another budget or number of threads.
+
+    Raises:
+        ConfigError: it may not have that value.
+    """
     data = config.model_dump()
     data.update({key: v for key, v in (("steps", steps), ("threads", threads)) if v is not None})
     try:
-        return RunConfig.model_validate(data)
+        return type(config).model_validate(data)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"]))
@@ -208,12 +214,21 @@ def _note_changed_schedules(trainer: Trainer, progress: Progress) -> None:
 
 
 def _trainer(config: RunConfig, registry: PluginRegistry, world: World) -> Trainer:
+    check_recorders(config, registry, world)
+    return Trainer(build(config, registry, world=world), registry)
+
+
+def check_recorders(config: RunConfig, registry: PluginRegistry, world: World = ALONE) -> None:
+    """Whether all recorders are there and can write.
+
+    Raises:
+        ApilError: one is not.
+    """
     for name in config.recorders:
         if name not in registry.recorders:
             raise UnknownNameError("recorder", name, registry.recorders)
         if registry.recorders[name].check and world.is_main:
             load(registry.recorders[name].check)()
-    return Trainer(build(config, registry, world=world), registry)
 
 
 def _initialise(trainer: Trainer, source: Path) -> None:

@@ -32,6 +32,8 @@ from apil_core.training.storage.metrics_log import Row, RowLog, iterations_per_r
 from apil_core.training.storage.run_dir import RunDir, part_of_rank
 from apil_core.training.trainer import Trainer
 
+Status = Literal["finished", "interrupted"]
+
 _LONG = 3600.0
 """Seconds of training left from which on a run says how long it will take."""
 
@@ -88,6 +90,10 @@ class Session:
         self._wish = StopWish(progress)
 
     def run(self, teacher: Policy | None = None) -> RunResult:
+        """:meth:`train`, and what came of it."""
+        return self._result(*self.train(teacher))
+
+    def train(self, teacher: Policy | None = None) -> tuple[Status, EvaluationResult | None]:
         """Train until the budget is used up or somebody stops it; always leaves a checkpoint.
 
         Args:
@@ -116,7 +122,7 @@ class Session:
             raise
         finally:
             self._close()
-        return self._result(status, evaluation)
+        return status, evaluation
 
     def _warm_start(self, teacher: Policy) -> None:
         self.progress.note(f"cloning {teacher.info.name} in the first {self.config.init_steps:,} steps")
@@ -198,7 +204,7 @@ class Session:
         every = self.config.evaluation.every_steps
         best = self.history.best
         if every and before // every < trainer.steps // every:
-            metrics.update(_evaluation_metrics(self._evaluate_on_the_way()))
+            metrics.update(self._evaluate_on_the_way())
         self.log.record(metrics, trainer.steps - before)
         self.progress.iteration(metrics)
         if not self._said:
@@ -234,7 +240,7 @@ class Session:
             "stopped": self.trainer.stopped,
         }
 
-    def _evaluate_on_the_way(self) -> EvaluationResult:
+    def _evaluate_on_the_way(self) -> dict[str, float]:
         """Score the adversary on games of their own; stop if that was agreed.
 
         Not broken off by Ctrl-C: a run that is gone on with would have missed it.
@@ -247,11 +253,11 @@ class Session:
         self.history.add(result, trainer.steps)
         if reason := self.history.why_stop(wanted.stop_when):
             trainer.stop(reason)
-        return result
+        return _evaluation_metrics(result)
 
-    def _finish(self) -> tuple[Literal["finished", "interrupted"], EvaluationResult | None]:
+    def _finish(self) -> tuple[Status, EvaluationResult | None]:
         """The score at the end, unless somebody stops it; the other processes wait for the first one's."""
-        status: Literal["finished", "interrupted"] = "interrupted"
+        status: Status = "interrupted"
         evaluation = None
         over = self.trainer.finished or self.trainer.stopped
         if self.trainer.stopped and self.world.is_main:
@@ -293,9 +299,7 @@ class Session:
         path = self.run_dir.checkpoint_path(self.trainer.iteration)
         return self._evaluate(episodes, name=f"run:{self.run_dir.path}", sha256=sha256(path))
 
-    def _result(
-        self, status: Literal["finished", "interrupted"], evaluation: EvaluationResult | None
-    ) -> RunResult:
+    def _result(self, status: Status, evaluation: EvaluationResult | None) -> RunResult:
         result = RunResult(
             run_dir=self.run_dir.path,
             status=status,

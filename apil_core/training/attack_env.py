@@ -49,13 +49,13 @@ class Pending:
 
     Attributes:
         view: the adversary's, with the action the victim has chosen.
-        victim: that action and what it was drawn from.
+        victim: that action and what it was drawn from; ``None`` where it acts after the adversary.
         groups: raw observation groups of the adversary, each (n, k).
         observations: the same normalised, and the critics' own.
     """
 
     view: View
-    victim: Decision
+    victim: Decision | None
     groups: dict[str, Tensor]
     observations: TensorDict
 
@@ -73,6 +73,8 @@ class AttackEnv:
         adversary_side: index of the learner's seat.
         generators: ``"victim"`` for its actions, ``"method"`` for hooks.
         learning: false for side games of ``run.collect``: no statistics, no reward terms.
+        victim_answers: the victim acts after the learner, and sees its action (retraining, where the frozen
+            player is an adversary).
     """
 
     def __init__(
@@ -87,6 +89,7 @@ class AttackEnv:
         adversary_side: int,
         generators: Mapping[str, torch.Generator],
         learning: bool = True,
+        victim_answers: bool = False,
     ):
         self.game = game
         self.victim = victim
@@ -97,6 +100,7 @@ class AttackEnv:
         self.side = adversary_side
         self.generators = generators
         self.learning = learning
+        self.victim_answers = victim_answers
         self.device = torch.device(config.device)
         self.num_envs = game.num_envs
         self.num_actions = game.layout.sides[adversary_side].action_size
@@ -158,8 +162,12 @@ class AttackEnv:
             and an empty dict: time-outs are outcomes here and never bootstrapped.
         """
         pending = self.pending
-        result = self._games.step({self.side: actions, 1 - self.side: pending.victim.action})
-        step = self._step_batch(pending, actions, result)
+        victim = pending.victim
+        if victim is None:
+            view = pending.view
+            victim = self._victim_acts(View(view.opponent, view.own, view.first, actions))
+        result = self._games.step({self.side: actions, 1 - self.side: victim.action})
+        step = self._step_batch(pending, victim, actions, result)
         shaped = self._shape(step)
         self.buffer.add(step, shaped, pending.groups)
         self.steps += self.num_envs
@@ -177,12 +185,8 @@ class AttackEnv:
     def _observe(self) -> None:
         games = self._games
         own, opponent = games.observation(self.side), games.observation(1 - self.side)
-        victim = self.victim.act(
-            games.view(1 - self.side),
-            sample=self.config.victim_actions == "sample",
-            generator=self.generators["victim"],
-        )
-        view = View(own, opponent, games.first, victim.action)
+        victim = None if self.victim_answers else self._victim_acts(games.view(1 - self.side))
+        view = View(own, opponent, games.first, None if victim is None else victim.action)
         groups = self.builder.groups(self.contexts["adversary"], view)
         observations = self.builder.normalize(groups, update=self.learning)
         if self.privileged is not None:
@@ -192,7 +196,11 @@ class AttackEnv:
             observations[PRIVILEGED_GROUP] = seen
         self._pending = Pending(view, victim, groups, observations)
 
-    def _step_batch(self, pending: Pending, actions: Tensor, result: GameStep) -> StepBatch:
+    def _victim_acts(self, view: View) -> Decision:
+        sample = self.config.victim_actions == "sample"
+        return self.victim.act(view, sample=sample, generator=self.generators["victim"])
+
+    def _step_batch(self, pending: Pending, victim: Decision, actions: Tensor, result: GameStep) -> StepBatch:
         seats = [self.side, 1 - self.side]
         c = dense_share(self.config, self.weights, self.played())
         reward, victim_reward = self._tensor(training_reward(result, self.weights, c)[seats]).float()
@@ -207,8 +215,8 @@ class AttackEnv:
             observation=pending.view.own,
             victim_observation=pending.view.opponent,
             action=actions,
-            victim_action=pending.victim.action,
-            victim_distribution=pending.victim.distribution,
+            victim_action=victim.action,
+            victim_distribution=victim.distribution,
             reward=reward,
             victim_reward=victim_reward,
             normalized_reward=normalized["adversary"],
@@ -245,7 +253,8 @@ class AttackEnv:
     def state_dict(self) -> dict[str, Any]:
         """Everything between two steps: physics, rules, pending decisions, statistics."""
         pending = self.pending
-        distribution = pending.victim.distribution
+        victim = pending.victim
+        distribution = None if victim is None else victim.distribution
         return {
             "game": self.game.state_dict(),
             "victim": self.victim.recurrent_state(),
@@ -258,7 +267,7 @@ class AttackEnv:
                 "own": pending.view.own.clone(),
                 "opponent": pending.view.opponent.clone(),
                 "first": pending.view.first,
-                "action": pending.victim.action,
+                "action": None if victim is None else victim.action,
                 "mean": None if distribution is None else distribution.mean,
                 "std": None if distribution is None else distribution.std,
                 "groups": {name: value.clone() for name, value in pending.groups.items()},
@@ -281,7 +290,7 @@ class AttackEnv:
         distribution = None if saved["mean"] is None else DiagonalGaussian(saved["mean"], saved["std"])
         self._pending = Pending(
             view=View(saved["own"], saved["opponent"], saved["first"], saved["action"]),
-            victim=Decision(saved["action"], distribution),
+            victim=None if saved["action"] is None else Decision(saved["action"], distribution),
             groups=saved["groups"],
             observations=TensorDict(saved["observations"], batch_size=[self.num_envs], device=self.device),
         )

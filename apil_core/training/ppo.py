@@ -122,6 +122,7 @@ class Learner:
         device: of the networks.
         world: processes whose gradients are averaged.
         horizon: longest game, in steps (for exploration noise).
+        critic: values' network; default: one of ``config.hidden``.
     """
 
     def __init__(
@@ -133,17 +134,18 @@ class Learner:
         device: torch.device,
         world: World = ALONE,
         horizon: int = 1000,
+        critic: nn.Module | None = None,
     ):
         self.config = config
         self.device = device
         self.world = world
         self.actor = actor.to(device)
         self._example = example[:1].clone()
-        action_size = actor.model.distribution.output_dim
+        action_size = actor.std.numel()
         self.storage = PPOStorage(example, rollout, action_size, device)
         self.ppo = PPO(
             actor.model,
-            _model(example, 1, config),
+            critic or _model(example, 1, config),
             self.storage,
             num_learning_epochs=config.epochs,
             num_mini_batches=config.minibatches,
@@ -178,13 +180,17 @@ class Learner:
     def act(self, observations: TensorDict) -> Tensor:
         """Draw actions (n, a) and remember what the update needs; torch's global generator draws."""
         latent = self.storage.next_latent(observations)
-        mean = self.actor.model.mlp(latent)
+        mean = self._mean(latent)
         if self.noise is None:
             action = torch.normal(mean, self.actor.std.expand_as(mean))
         else:  # densities are taken as if it were white: a bias accepted for the exploration it buys
             action = mean + self.actor.std * self.noise.draw()
         self.storage.keep_mean(mean)
         return action
+
+    def _mean(self, latent: Tensor) -> Tensor:
+        mean: Tensor = self.actor.model.mlp(latent)
+        return mean
 
     def ended(self, done: Tensor) -> None:
         """Forget the exploration noise of the games that ended with the step, (n,) bool."""
@@ -206,9 +212,10 @@ class Learner:
         storage = self.storage
         with torch.no_grad():  # not inference mode: plugins may train on what comes out
             # one pass over the whole rollout: the critic is not needed while it is collected
-            storage.values.copy_(self.ppo.critic(storage.observations))
+            values, next_value = self._values(last)
+            storage.values.copy_(values)
             storage.keep_log_prob(self.actor.std)
-            main = self._gae(storage.rewards[..., 0], storage.values[..., 0], self.ppo.critic(last)[:, 0])
+            main = self._gae(storage.rewards[..., 0], storage.values[..., 0], next_value[:, 0])
             storage.returns.copy_((main + storage.values[..., 0]).unsqueeze(-1))
         result = {MAIN_STREAM: main}
         for name, rewards in streams.items():
@@ -216,6 +223,15 @@ class Learner:
                 self._stream_critic(name).start_equal()
             result[name] = self.critics[name].advantages(self, rewards, last)
         return result
+
+    def _values(self, last: TensorDict) -> tuple[Tensor, Tensor]:
+        """Of the rollout's observations, (T, n, 1), and of the last ones, (n, 1)."""
+        return self.ppo.critic(self.storage.observations), self.ppo.critic(last)
+
+    def _present(self, observations: TensorDict) -> DiagonalGaussian:
+        """What the policy, as it is now, would draw the rollout's actions from, (T·n, a)."""
+        present: DiagonalGaussian = self.actor(observations)
+        return present
 
     def update(
         self, advantages: Tensor, *, as_given: bool, learning_rate: float, actor_fixed: bool = False
@@ -240,7 +256,7 @@ class Learner:
 
         def kl() -> float:
             with torch.inference_mode():
-                return float(before.kl(self.actor(observations)).mean())
+                return float(before.kl(self._present(observations)).mean())
 
         limit = None if actor_fixed else self.config.max_kl
         if limit is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import torch
 from rsl_rl.models import MLPModel
@@ -40,6 +41,7 @@ class PPOStorage(RolloutStorage):
 
     Attributes:
         means: of the distributions the actions were drawn from, (T, n, a).
+        states: of recurrent actor and critic before the first step, each h and c, (n, w).
         goes_on: asked before each pass but the first whether there is to be another.
         passes: of the last update.
 
@@ -64,6 +66,7 @@ class PPOStorage(RolloutStorage):
         self.means = torch.zeros_like(self.actions)
         self.goes_on: Callable[[], bool] = lambda: True
         self.passes = 0
+        self.states: tuple[tuple[Tensor, Tensor], ...] = ()
         self._latents: Tensor = self.observations[LATENT]
         self._privileged: Tensor | None = self.observations.get(PRIVILEGED_GROUP)
 
@@ -94,7 +97,32 @@ class PPOStorage(RolloutStorage):
         """
         size = self.num_envs * self.num_transitions_per_env // num_mini_batches
         order = torch.randperm(num_mini_batches * size, device=self.device)
-        columns = {
+        shuffled = {name: column.flatten(0, 1)[order] for name, column in self._columns().items()}
+        for _ in self._passes(num_epochs):
+            for start in range(0, len(order), size):
+                part = slice(start, start + size)
+                yield RolloutStorage.Batch(**{name: column[part] for name, column in shuffled.items()})
+
+    def recurrent_mini_batch_generator(
+        self, num_mini_batches: int, num_epochs: int = 8
+    ) -> Iterator[RolloutStorage.Batch]:
+        """Batches of some of the games over all T steps, for networks with memory; shuffled once, too.
+
+        Their columns are flat, (T·m, …), as without memory; ``masks`` are the ends of games, (T, m) bool, and
+        ``hidden_states`` those before the first step.
+        """
+        batches = []
+        order = torch.randperm(self.num_envs, device=self.device)
+        for games in order.tensor_split(num_mini_batches):
+            columns = {name: column[:, games].flatten(0, 1) for name, column in self._columns().items()}
+            states = tuple((h[games], c[games]) for h, c in self.states)
+            batches.append((columns, self.dones[:, games, 0].bool(), states))
+        for _ in self._passes(num_epochs):
+            for columns, ends, states in batches:
+                yield RolloutStorage.Batch(**columns, masks=ends, hidden_states=states)
+
+    def _columns(self) -> dict[str, Any]:
+        return {
             "observations": self.observations,
             "actions": self.actions,
             "values": self.values,
@@ -102,14 +130,13 @@ class PPOStorage(RolloutStorage):
             "returns": self.returns,
             "old_actions_log_prob": self.actions_log_prob,
         }
-        shuffled = {name: column.flatten(0, 1)[order] for name, column in columns.items()}
-        for self.passes in range(1, num_epochs + 1):
-            if self.passes > 1 and not self.goes_on():
-                self.passes -= 1
+
+    def _passes(self, epochs: int) -> Iterator[int]:
+        for number in range(1, epochs + 1):
+            if number > 1 and not self.goes_on():
                 return
-            for start in range(0, len(order), size):
-                part = slice(start, start + size)
-                yield RolloutStorage.Batch(**{name: column[part] for name, column in shuffled.items()})
+            self.passes = number
+            yield number
 
 
 def _groups(observations: TensorDict) -> list[Tensor]:

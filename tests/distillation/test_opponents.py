@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 
 from apil_core import Decision, Policy, PolicyInfo, View
-from apil_core.runs.distillation.collector import Cast
+from apil_core.runs.distillation.collector import Roles
 from apil_core.runs.distillation.opponents import PerturbedOpponent
 
 
@@ -42,9 +42,11 @@ def test_half_the_perturbed_games_keep_the_action_a_quarter_drop_it() -> None:
     assert 0.45 < whole < 0.5 + 0.25 * 0.3 + 0.05
 
 
-def test_the_cast_covers_teacher_student_draws_and_modes_with_both_opponents() -> None:
-    cast = Cast.of(128, torch.device("cpu"), teacher_only=False)
-    kinds = set(zip(cast.teacher_acts.tolist(), cast.sampled.tolist(), cast.perturbed.tolist(), strict=True))
+def test_the_roles_cover_teacher_student_draws_and_modes_with_both_opponents() -> None:
+    roles = Roles.of(128, torch.device("cpu"), teacher_only=False)
+    kinds = set(
+        zip(roles.teacher_acts.tolist(), roles.sampled.tolist(), roles.perturbed.tolist(), strict=True)
+    )
     assert len(kinds) == 8
-    assert (cast.teacher_acts.sum(), cast.sampled.sum(), cast.perturbed.sum()) == (32, 96, 64)
-    assert Cast.of(8, torch.device("cpu"), teacher_only=True).teacher_acts.all()
+    assert (roles.teacher_acts.sum(), roles.sampled.sum(), roles.perturbed.sum()) == (32, 96, 64)
+    assert Roles.of(8, torch.device("cpu"), teacher_only=True).teacher_acts.all()

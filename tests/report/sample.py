@@ -216,7 +216,7 @@ def _retrained(bench: BenchDir) -> None:
         steps=500_000,
         recorders=("jsonl",),
     )
-    folder = RetrainDir.create(config, path, ["apil", "retrain"])
+    folder = RetrainDir.begin(config, path, ["apil", "retrain"])
     recorder = JsonlRecorder(path)
     for i in range(5):
         counts = {"games": 500, "wins": 100 + 50 * i, "ties": 5}
@@ -224,7 +224,7 @@ def _retrained(bench: BenchDir) -> None:
         row = {"iteration": i + 1, "steps": 100_000 * (i + 1), "games": 50, "window_games": 1000}
         recorder.record({**row, **opponents})
     recorder.close()
-    folder.files.write_json(folder.files.result_path, {"status": "finished", "steps": 500_000})
+    folder.write_json(folder.result_path, {"status": "finished", "steps": 500_000})
 
 
 def _crossplay(bench: BenchDir) -> None:

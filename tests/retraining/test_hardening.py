@@ -75,6 +75,6 @@ def test_curves_are_the_victims(hardened: RetrainResult, tmp_path: Path) -> None
 def test_too_few_games_are_no_curve(hardened: RetrainResult, tmp_path: Path) -> None:
     young = RetrainDir(tmp_path)
     (tmp_path / "config.yaml").write_bytes((hardened.directory / "config.yaml").read_bytes())
-    young.files.metrics_path.write_text('{"steps": 512, "window_games": 3}\n')
+    young.metrics_path.write_text('{"steps": 512, "window_games": 3}\n')
     with pytest.raises(RunDirError, match="3 training games have ended, a curve needs 20"):
         read_opponents(young)

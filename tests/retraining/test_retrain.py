@@ -57,7 +57,7 @@ def config(attacks: dict[str, Path], *names: str, **flags: Any) -> RetrainConfig
 
 def rows_of(path: Path) -> list[dict[str, float]]:
     """Metrics without what depends on the machine and on how the steps were divided."""
-    rows = read_metrics(RetrainDir(path).files.metrics_path)
+    rows = read_metrics(RetrainDir(path).metrics_path)
     aside = ("memory_mb", "total_steps")
     return [{k: v for k, v in row.items() if "second" not in k and k not in aside} for row in rows]
 
@@ -183,7 +183,7 @@ def test_the_hardened_victim_is_a_victim(attacks: dict[str, Path], tmp_path: Pat
     assert RunDir(tmp_path / "again").config().victim == f"retrained:{made}"
     twice = retrain(settings([tmp_path / "again"], {**SMALL, "steps": 512}), out=tmp_path / "twice")
     assert twice.victim.sha256 == result.hardened.sha256
-    go_on(made, steps=1024)
+    go_on(made, steps=2048)  # the toy games of 50 steps have ended by then
     with pytest.raises(VictimError, match="has changed since the run began"):
         resume(tmp_path / "again", steps=1024)
     with pytest.raises(VictimError, match="has changed since the retraining began: SHA-256 "):
@@ -219,6 +219,33 @@ def test_a_mistake_is_one_line_before_anything_is_made(
         retrain(config(attacks, **flags), out=tmp_path / "r")
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "r").exists()
+
+
+def test_one_that_an_older_version_began_is_refused_and_its_victim_still_plays(
+    whole: Path, tmp_path: Path
+) -> None:
+    """Version 1 had the reward's two settings at the top, and checkpoints of a learner of its own."""
+    old = tmp_path / "old"
+    shutil.copytree(whole, old)
+    text = (old / "config.yaml").read_text()
+    reward = text[text.index("reward:\n") : text.index("ppo:\n")]
+    assert text.count("version: 2") == 1
+    (old / "config.yaml").write_text(
+        text.replace(reward, "sparse_weight: 0.02\nnormalize_reward: false\n").replace(
+            "version: 2", "version: 1"
+        )
+    )
+    stored = RetrainDir(old).config()
+    assert (stored.version, stored.reward.sparse_weight, stored.reward.normalize) == (1, 0.02, False)
+    with pytest.raises(RunDirError, match=r"old was begun by an older version; its victim stays retrained:"):
+        go_on(old, steps=4096)
+    assert load_policy(f"retrained:{old}").info.sha256 == load_policy(f"retrained:{whole}").info.sha256
+
+
+def test_what_only_runs_have_is_no_setting(attacks: dict[str, Path]) -> None:
+    for key, value in (("observers", "[x]"), ("reward.dense_weight", "1"), ("ppo.critic_observes", "both")):
+        with pytest.raises(ConfigError, match=f"{key} is no setting of a retraining"):
+            settings([attacks["adrl"]], SMALL, [f"{key}={value}"])
 
 
 def test_without_a_baseline_the_adversaries_may_play_alone(attacks: dict[str, Path], tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 
 import pytest
@@ -10,9 +11,10 @@ from helpers.small_runs import small_config
 
 from apil_core import Policy, VictimError, load_policy, run
 from apil_core.policies.frozen_policy import FrozenPolicy
+from apil_core.policies.network import PolicyNetwork, Standardizer
 from apil_core.policies.zoo_import import import_zoo
-from apil_core.runs.retraining.network import Critic, VictimNetwork
 from apil_core.runs.retraining.trainable import trainable
+from apil_core.training.recurrent_ppo import NetworkModel
 from retraining.victims import student, views, zoo_agent
 
 
@@ -26,15 +28,16 @@ def check(policy: Policy) -> None:
     steps = views(12, 5, policy.info.observation_size)
     mean, std = played(policy, steps)
     parts = trainable(policy)
-    network = VictimNetwork(parts.shape, parts.weights)
-    z = network.standardise(torch.stack([view.own for view in steps]))
+    network = PolicyNetwork.of(parts.shape, parts.weights)
+    mean_seen, std_seen = (parts.weights[f"observation.{name}"] for name in ("mean", "std"))
+    z = Standardizer(mean_seen, std_seen, parts.shape.clip)(torch.stack([view.own for view in steps]))
     done = torch.stack([view.first for view in [*steps[1:], steps[0]]])
     with torch.no_grad():
-        together, _ = network(z, done, network.body.zero_state(5))
+        together, _ = network(z, done, network.zero_state(5))
     assert torch.allclose(together, mean, atol=2e-5)
-    assert torch.allclose(network.log_std.exp().expand_as(std), std, rtol=1e-6)
+    assert torch.allclose(parts.weights["log_std"].exp().expand_as(std), std, rtol=1e-6)
     assert float(mean.std()) > 0.01
-    again = FrozenPolicy(policy.info, parts.shape, network.weights())
+    again = FrozenPolicy(policy.info, parts.shape, parts.weights)
     assert torch.allclose(played(again, steps)[0], mean, atol=2e-5)
     assert all(parameter.requires_grad for parameter in network.parameters())
 
@@ -46,13 +49,13 @@ def test_a_zoo_agent_and_its_critic(recurrent: bool) -> None:
     steps = views(8, 4, 9, seed=2)
     stored = trainable(agent).critic
     assert stored is not None
-    before, critic = (Critic(stored.shape, stored.weights) for _ in range(2))
+    before = PolicyNetwork.of(stored.shape, stored.weights)
+    critic = NetworkModel(copy.deepcopy(before))
     critic.rescale(0.5 * stored.deviation, 0.5 * stored.mean)
     z = torch.stack([agent.standardize(view.own) for view in steps])
     done = torch.stack([view.first for view in [*steps[1:], steps[0]]])
     with torch.no_grad():
-        values, _ = before(z, done, before.body.zero_state(4))
-        found, _ = critic(z, done, critic.body.zero_state(4))
+        values, found = (net(z, done, net.zero_state(4))[0] for net in (before, critic.network))
     assert torch.allclose(found, 0.5 * (stored.deviation * values + stored.mean), atol=1e-4)
 
 
@@ -61,8 +64,7 @@ def test_a_student(kind: str, tmp_path: Path) -> None:
     policy = load_policy(student(tmp_path / "s.safetensors", kind))
     check(policy)
     parts = trainable(policy)
-    kept = VictimNetwork(parts.shape, parts.weights).weights()
-    assert all(torch.equal(kept[name], tensor) for name, tensor in policy.weights.items())
+    assert all(torch.equal(parts.weights[name], tensor) for name, tensor in policy.weights.items())
 
 
 def test_what_a_run_trained(tmp_path: Path) -> None:
@@ -90,5 +92,5 @@ def test_others_are_refused(tmp_path: Path) -> None:
 def test_the_network_is_given_no_random_numbers(tmp_path: Path) -> None:
     parts = trainable(load_policy(student(tmp_path / "s.safetensors")))
     before = torch.get_rng_state()
-    VictimNetwork(parts.shape, parts.weights)
+    PolicyNetwork.of(parts.shape, parts.weights)
     assert torch.equal(before, torch.get_rng_state())

@@ -58,6 +58,7 @@ def test_totals_and_states_are_the_last():
         "total_steps",
         "games_total",
         "window_wins",
+        "opponent/adrl/wins",
         "memory_mb",
         "evaluation/win",
         "x/y_total",

@@ -35,7 +35,7 @@ class Sample:
 
 
 @dataclass(frozen=True)
-class Cast:
+class Roles:
     """Who does what in which of the games, each (n,) bool, fixed over a block.
 
     Attributes:
@@ -49,7 +49,7 @@ class Cast:
     perturbed: Tensor
 
     @classmethod
-    def of(cls, num_envs: int, device: torch.device, *, teacher_only: bool) -> Cast:
+    def of(cls, num_envs: int, device: torch.device, *, teacher_only: bool) -> Roles:
         """Every fourth game the teacher's, every other four perturbed, every fourth sixteen by the mode."""
         row = torch.arange(num_envs, device=device)
         teacher = torch.ones_like(row, dtype=torch.bool) if teacher_only else row % 4 == 3
@@ -84,7 +84,7 @@ class Collector:
         name: str,
         side: int,
         steps: int,
-        cast: Cast,
+        roles: Roles,
         act: Callable[[Tensor, Tensor], Tensor] | None,
         take: Callable[[Sample], None],
     ) -> None:
@@ -94,7 +94,7 @@ class Collector:
             name: of this stretch of play; names its random streams.
             side: the student's seat.
             steps: per game.
-            cast: who does what.
+            roles: who does what.
             act: the student's mean action for observations (n, o) and labels (n, a), (n, a); ``None``
                 where only the teacher acts.
             take: gets every step.
@@ -104,7 +104,7 @@ class Collector:
         """
         game, device = self.game, self._device
         generator = stream_generator(self._seed, f"distillation {name}", device)
-        against = PerturbedOpponent(self.opponent, cast.perturbed, generator)
+        against = PerturbedOpponent(self.opponent, roles.perturbed, generator)
         game.seed(stream_seed(self._seed, f"distillation games {name}"))
         for who, policy in (("teacher", self.teacher), ("opponent", self.opponent)):
             policy.seed(stream_seed(self._seed, f"distillation {who} {name}"))  # generators of its own
@@ -114,10 +114,10 @@ class Collector:
             own, other = (torch.from_numpy(game.observations[i]).to(device) for i in (side, 1 - side))
             label = self._label(View(own, other, first))
             mean = (
-                label if act is None else torch.where(cast.teacher_acts.unsqueeze(1), label, act(own, label))
+                label if act is None else torch.where(roles.teacher_acts.unsqueeze(1), label, act(own, label))
             )
             noise = torch.randn(mean.shape, generator=generator, device=device) * self._std
-            action = mean + noise * cast.sampled.unsqueeze(1)
+            action = mean + noise * roles.sampled.unsqueeze(1)
             answer = against.act(View(other, own, first))
             first = self._step(side, action, answer)
             take(Sample(own, label, first))

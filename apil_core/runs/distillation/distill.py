@@ -46,7 +46,7 @@ def distill(
     Args:
         config: see :class:`DistillConfig`.
         out: directory for everything; must not exist or be empty.
-        progress: told of the games scored.
+        progress: gets the number of games scored.
         on_stage: called after each stage with its log entry and the number of stages.
         command: stored for people who ask where a student came from.
         plugins: registry to use; default: the installed ones.
@@ -109,7 +109,7 @@ def _go(
         student = _student(setting, directory, {})
         scores = _scores(setting, student, progress, plugins)
         report = make_report(setting, student, scores)
-    _student(setting, directory, _told(report))
+    _student(setting, directory, _figures(report))
     directory.write_json(directory.report_path, report.model_dump(mode="json"))
     directory.drop_blocks()
     return report
@@ -208,15 +208,15 @@ def _scores(
         game.close()
 
 
-def _told(report: Report) -> dict[str, str]:
+def _figures(report: Report) -> dict[str, str]:
     """The report's figures as the file's provenance has them."""
     error = report.action_error
-    told = {"action_error": f"rms {error.rms_sigma:.3f} sigma, {error.kl_nats:.3f} nats per step"}
+    found = {"action_error": f"rms {error.rms_sigma:.3f} sigma, {error.kl_nats:.3f} nats per step"}
     for who in ("student", "teacher"):
         result: EvaluationResult | None = getattr(report, f"{who}_score")
         if result is not None:
-            told[f"{who}_score"] = (
+            found[f"{who}_score"] = (
                 f"win {result.wins}, tie {result.ties}, loss {result.losses} of {result.episodes} games "
                 f"against {report.opponent}, actions sampled"
             )
-    return told
+    return found

@@ -18,7 +18,7 @@ from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.evaluation.score import score
 from apil_core.runs.distillation.build import Setting
-from apil_core.runs.distillation.collector import Cast, Sample
+from apil_core.runs.distillation.collector import Roles, Sample
 from apil_core.runs.distillation.learner import kl_nats
 
 
@@ -60,7 +60,7 @@ def action_error(setting: Setting, student: Policy, *, perturbed: bool) -> Actio
     course, sigma = setting.course, setting.course.log_std.exp()
     n, device = setting.game.num_envs, sigma.device
     everywhere = torch.ones(n, dtype=torch.bool, device=device)
-    cast = Cast(~everywhere, everywhere, everywhere if perturbed else ~everywhere)
+    roles = Roles(~everywhere, everywhere, everywhere if perturbed else ~everywhere)
     labels: list[Tensor] = []
     misses: list[Tensor] = []
     first = everywhere
@@ -76,7 +76,7 @@ def action_error(setting: Setting, student: Policy, *, perturbed: bool) -> Actio
         first = sample.done
 
     name = f"held out, perturbed {perturbed}"
-    course.collector.play(name, setting.side, course.block_steps, cast, act, take)
+    course.collector.play(name, setting.side, course.block_steps, roles, act, take)
     label, miss = torch.cat(labels), torch.cat(misses)
     squared = float(miss.square().mean())
     constant = float((label - label.mean(0)).square().mean())

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from apil_core.common.seeds import stream_generator
 from apil_core.policies.network import NetworkShape, Standardizer
-from apil_core.runs.distillation.collector import Cast, Collector, Sample
+from apil_core.runs.distillation.collector import Collector, Roles, Sample
 from apil_core.runs.distillation.config import DistillConfig
 from apil_core.runs.distillation.learner import Block, StudentLearner
 from apil_core.training.normalize import RunningMoments
@@ -118,7 +118,7 @@ class Course:
             moments.update(sample.observation)
             block.record(sample.observation, sample.label / sigma, sample.done)
 
-        self.collector.play("block 0", self.sides[0], self.block_steps, self._cast(True), None, take)
+        self.collector.play("block 0", self.sides[0], self.block_steps, self._roles(True), None, take)
         std = moments.var.sqrt().clamp(min=_LEAST_STD)
         self.standardize = Standardizer(moments.mean.float(), std.float(), self.config.observation_clip)
         for t in range(self.block_steps):
@@ -128,7 +128,7 @@ class Course:
         """A block in which the student acts; gives its error there."""
         learner, sigma, standardize = self.learner, self.log_std.exp(), self.standardize
         assert standardize is not None, "the first block sets it"
-        cast = self._cast(False)
+        roles = self._roles(False)
         errors: list[Tensor] = []
         seen = torch.empty(0)
 
@@ -136,7 +136,7 @@ class Course:
             nonlocal seen
             seen = standardize(observation)
             mean = learner.act(seen)
-            errors.append((mean - label / sigma)[~cast.teacher_acts].square().mean())
+            errors.append((mean - label / sigma)[~roles.teacher_acts].square().mean())
             return mean * sigma
 
         def take(sample: Sample) -> None:
@@ -146,11 +146,11 @@ class Course:
         # shifted by one at every block of true physics, so that each seat plays some of it
         side = self.sides[(number + number // _TRUE_BLOCKS) % len(self.sides)]
         games = self.practice if number % _TRUE_BLOCKS else self.collector
-        games.play(f"block {number}", side, self.block_steps, cast, act, take)
+        games.play(f"block {number}", side, self.block_steps, roles, act, take)
         return float(torch.stack(errors).mean())
 
-    def _cast(self, teacher_only: bool) -> Cast:
-        return Cast.of(self.config.num_envs, self.log_std.device, teacher_only=teacher_only)
+    def _roles(self, teacher_only: bool) -> Roles:
+        return Roles.of(self.config.num_envs, self.log_std.device, teacher_only=teacher_only)
 
     def _final_pass(self) -> float:
         """Over all blocks, at a rate that falls linearly to zero over all final passes."""

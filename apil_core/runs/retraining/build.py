@@ -2,31 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import torch
+from torch import nn
 
-from apil_core.api.config import RewardConfig
 from apil_core.api.game import Game
 from apil_core.api.policy import Policy
-from apil_core.api.specs import load
-from apil_core.common.errors import ConfigError, UnknownNameError, VictimError
-from apil_core.common.seeds import stream_generator, stream_seed
+from apil_core.common.errors import ConfigError, VictimError
+from apil_core.common.seeds import stream_seed
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.plugins.default_victim import default_baseline
 from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.registry import make_game
 from apil_core.policies.frozen_policy import StoredCritic
 from apil_core.policies.loading import LoadOptions, load_victim
-from apil_core.runs.retraining.config import RetrainConfig
-from apil_core.runs.retraining.games import RetrainingGames
-from apil_core.runs.retraining.learner import VictimLearner
+from apil_core.policies.network import NetworkShape, PolicyNetwork, Standardizer, Weights
+from apil_core.runs.retraining.config import MIXED, RetrainConfig
+from apil_core.runs.retraining.environment import FixedObservations, OpponentStats
 from apil_core.runs.retraining.mixture import MixturePolicy
-from apil_core.runs.retraining.network import Critic, VictimNetwork, new_critic
 from apil_core.runs.retraining.settings import BASELINE
-from apil_core.runs.retraining.trainable import Trainable, trainable
+from apil_core.runs.retraining.trainable import LINEAR, Trainable, trainable
 from apil_core.runs.retraining.trainer import RetrainTrainer
-from apil_core.training.build import check_device
+from apil_core.runs.runner import check_recorders
+from apil_core.training.attack_env import AttackEnv
+from apil_core.training.build import RunParts, check_device, generators
+from apil_core.training.distributed.world import ALONE
+from apil_core.training.networks import mlp
+from apil_core.training.recurrent_ppo import NetworkLearner, NetworkModel
 from apil_core.training.rewards import resolve_weights
 
 
@@ -36,20 +41,14 @@ class Setting:
 
     Attributes:
         config: with every name and hash filled in.
-        game: the victim trains in.
         victim: as it was.
         opponents: by label, the baseline last if there is one.
     """
 
     config: RetrainConfig
-    game: Game
     victim: Policy
     opponents: dict[str, Policy]
     trainer: RetrainTrainer
-
-    def close(self) -> None:
-        """Release the game."""
-        self.game.close()
 
 
 @one_torch_thread()
@@ -61,13 +60,13 @@ def prepare(config: RetrainConfig, plugins: PluginRegistry) -> Setting:
     """
     device = check_device(config.device)
     _check_numbers(config)
-    _check_recorders(config, plugins)
+    check_recorders(config, plugins)
     config = _with_baseline(config, plugins)
     game = make_game(
         config.env, num_envs=config.num_envs, threads=config.threads, options=config.game, plugins=plugins
     )
     try:
-        game.seed(stream_seed(config.seed, "retraining games"))
+        game.seed(stream_seed(config.seed, "training games"))
         torch.manual_seed(config.seed)
         victim = load_victim(
             config.victim, game, config.victim_side, config.device, plugins, LoadOptions(config.trust)
@@ -75,11 +74,11 @@ def prepare(config: RetrainConfig, plugins: PluginRegistry) -> Setting:
         parts = trainable(victim)
         opponents = _opponents(config, game, plugins)
         config = _pinned(config, victim, opponents)
-        trainer = _trainer(config, game, parts, opponents, plugins, device)
+        attack, stored = _attack(config, game, parts, opponents, plugins, device)
     except BaseException:
         game.close()
         raise
-    return Setting(config, game, victim, opponents, trainer)
+    return Setting(config, victim, opponents, RetrainTrainer(config, attack, plugins, stored))
 
 
 def _check_numbers(config: RetrainConfig) -> None:
@@ -89,14 +88,6 @@ def _check_numbers(config: RetrainConfig) -> None:
             f"num_envs ({config.num_envs}) must be at least ppo.minibatches ({parts}): "
             "a minibatch is some of the games"
         )
-
-
-def _check_recorders(config: RetrainConfig, plugins: PluginRegistry) -> None:
-    for name in config.recorders:
-        if name not in plugins.recorders:
-            raise UnknownNameError("recorder", name, plugins.recorders)
-        if plugins.recorders[name].check:
-            load(plugins.recorders[name].check)()
 
 
 def _with_baseline(config: RetrainConfig, plugins: PluginRegistry) -> RetrainConfig:
@@ -161,37 +152,44 @@ def shares(config: RetrainConfig) -> dict[str, float]:
     return dict(zip(config.labels, parts, strict=False))
 
 
-def _trainer(
+def _attack(
     config: RetrainConfig,
     game: Game,
     parts: Trainable,
     opponents: dict[str, Policy],
     plugins: PluginRegistry,
     device: torch.device,
-) -> RetrainTrainer:
-    network = VictimNetwork(parts.shape, parts.weights).to(device)
-    critic, stored = _critic(config, parts)
-    streams = {
-        "victim": stream_generator(config.seed, "retraining victim", device),
-        "order": stream_generator(config.seed, "retraining minibatches", torch.device("cpu")),
-    }
-    learner = VictimLearner(
-        network,
-        critic.to(device),
-        config.ppo,
-        config.num_envs,
-        freeze_critic=config.freeze == "value",
-        generators=streams,
-    )
-    games = RetrainingGames(
-        config,
+) -> tuple[RunParts, StoredCritic | None]:
+    """The parts of a run whose adversary is the victim and whose victim are the opponents."""
+    mixture = _mixture(config, opponents).to(device)
+    hooks = RunHookManager((), {})
+    hooks.device = device
+    streams = generators(config.seed, device)
+    mean, std = (parts.weights[f"observation.{name}"] for name in ("mean", "std"))
+    builder = FixedObservations(hooks, Standardizer(mean, std, parts.shape.clip).to(device))
+    weights = resolve_weights(config.reward, plugins.game(config.env).rewards)
+    env = AttackEnv(
         game,
-        _mixture(config, opponents).to(device),
-        resolve_weights(RewardConfig(sparse_weight=config.sparse_weight), plugins.game(config.env).rewards),
-        stream_generator(config.seed, "retraining opponents", device),
-        device,
+        mixture,
+        builder,
+        hooks,
+        config.model_copy(update={"victim_actions": config.adversary_actions}),
+        weights=replace(weights, anneal_fraction=0.0),
+        adversary_side=config.victim_side,
+        generators=streams,
+        victim_answers=True,
     )
-    return RetrainTrainer(config, games, learner, stored)
+    per_step = config.mix == "per_step" and len(opponents) > 1
+    labels, layout = (MIXED,) if per_step else config.labels, game.layout
+    env.stats = OpponentStats(mixture, labels, game.num_envs, layout.causes, device)
+    actor = NetworkModel(_copy(parts.shape, parts.weights), parts.weights["log_std"])
+    critic, stored = _critic(config, parts)
+    example = env.get_observations()
+    learner = NetworkLearner(actor, critic, example, env.buffer, config.ppo, device, layout.max_steps)
+    return RunParts(
+        *(config, game, mixture, config.victim_side, {}, hooks, builder, streams, env),
+        *(learner.actor, learner, ALONE),
+    ), stored
 
 
 def _mixture(config: RetrainConfig, opponents: dict[str, Policy]) -> MixturePolicy:
@@ -200,12 +198,28 @@ def _mixture(config: RetrainConfig, opponents: dict[str, Policy]) -> MixturePoli
     return MixturePolicy([opponents[name] for name in parts], list(parts.values()), config.mix, seed)
 
 
-def _critic(config: RetrainConfig, parts: Trainable) -> tuple[Critic, StoredCritic | None]:
+def _critic(config: RetrainConfig, parts: Trainable) -> tuple[NetworkModel, StoredCritic | None]:
     stored = parts.critic if config.critic != "new" else None
     if stored is not None:
-        return Critic(stored.shape, stored.weights), stored
+        critic = NetworkModel(_copy(stored.shape, stored.weights))
+        return critic.requires_grad_(config.freeze != "value"), stored
     if config.critic == "stored":
         raise ConfigError(f"--critic stored: {config.victim} brings no value network; zoo agents do")
     if config.freeze == "value":
         raise ConfigError("--freeze value needs the victim's own value network: a new one knows nothing yet")
-    return new_critic(parts.shape, config.ppo.hidden), None
+    return NetworkModel(_new_critic(parts.shape, config.ppo.hidden)), None
+
+
+def _copy(shape: NetworkShape, weights: Weights) -> PolicyNetwork:
+    return PolicyNetwork.of(shape, {name: tensor.detach().clone() for name, tensor in weights.items()})
+
+
+def _new_critic(shape: NetworkShape, hidden: Sequence[int]) -> PolicyNetwork:
+    """A feed-forward critic that reads what the victim reads; torch's global generator draws its weights.
+
+    It has no memory: what it must know of the opponent is in the observation, and a pass through time less
+    is a third of an update less.
+    """
+    layers = [layer for layer in mlp((shape.observation_size, *hidden, 1)) if isinstance(layer, nn.Linear)]
+    weights = {f"mlp.{i}.{name}": getattr(layer, name) for i, layer in enumerate(layers) for name in LINEAR}
+    return _copy(NetworkShape("mlp", shape.observation_size, 1, 0, tuple(hidden), shape.clip), weights)

@@ -1,14 +1,27 @@
-"""What a retraining depends on: pure data."""
+"""What a retraining depends on: a run's settings, and its own."""
 
 from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from apil_core.api.config import ActionMode, CheckpointConfig, EvaluationConfig, PPOConfig, Section
+from apil_core.api.config import ActionMode, EvaluationConfig, RewardConfig, RunConfig
 
 Critic = Literal["auto", "stored", "new"]
+
+VERSION: Literal[2] = 2
+"""Of the schema and of the checkpoints; version 1 had a learner of its own, and goes on in no later one."""
+
+MIXED = "mixed"
+"""Label of games in which opponents change from step to step."""
+
+NOT_ITS_OWN = (
+    *("method", "victim_actions", "options", "observers", "init_from", "init_steps"),
+    *("reward.dense_weight", "reward.anneal_fraction", "reward.anneal_budget", "ppo.critic_observes"),
+    "evaluation.stop_when",
+)
+"""Settings of a run that a retraining has no use for: they stay as they are by default."""
 
 
 class RetrainEvaluation(EvaluationConfig):
@@ -18,13 +31,15 @@ class RetrainEvaluation(EvaluationConfig):
     """Also score the victim as it was, so that there is something to compare with."""
 
 
-class RetrainConfig(Section):
+class RetrainConfig(RunConfig):
     """Everything that decides a hardened victim. Equal settings on one machine give equal weights."""
 
     kind: Literal["retraining"] = "retraining"
     """Tells this file from a run's."""
-    version: Literal[1] = 1
+    version: Literal[1, 2] = VERSION
     """Version of this schema."""
+    method: str = "retraining"
+    """Stands where a run has its attack method."""
     adversaries: tuple[str, ...]
     """Runs (or policies) that attack the victim; they share `adversary_share` equally."""
     adversary_sha256: tuple[str, ...] = ()
@@ -57,26 +72,29 @@ class RetrainConfig(Section):
     """First iterations that train the critic alone; null: 10 for a new one, else 1."""
     freeze: Literal["none", "value"] = "none"
     """Keep the stored value network as it is, or nothing."""
-    sparse_weight: float | None = None
-    """Weight of the outcome, the only reward there is; null takes the game's default."""
-    normalize_reward: bool = True
-    """Divide by the running standard deviation of the discounted return and clip to ±10."""
     steps: Annotated[int, Field(gt=0)] = 10_000_000
     """Environment steps of training, rounded up to whole rollouts."""
-    num_envs: Annotated[int, Field(gt=0, le=2**20)] = 128
-    """Games stepped together."""
-    threads: Annotated[int, Field(ge=0)] = 0
-    """Physics threads; 0: all CPUs. Never changes results."""
-    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
-    """Seed of everything random."""
-    device: str = "cpu"
-    """Where the networks live: cpu, cuda or cuda:N."""
-    ppo: PPOConfig = PPOConfig()
+    reward: RewardConfig = RewardConfig()
+    """The outcome is the only reward there is: its weight, and whether returns are normalised."""
     evaluation: RetrainEvaluation = RetrainEvaluation()
-    checkpoint: CheckpointConfig = CheckpointConfig()
-    game: dict[str, Any] = Field(default_factory=dict)
-    """Options of the game, checked by the game's own model."""
-    recorders: tuple[str, ...] = ("jsonl", "tensorboard")
-    """Where metrics go."""
-    plugins: tuple[str, ...] = ()
-    """One-file plugins (paths) to load before anything else."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_version_2_has_it(cls, data: Any) -> Any:
+        """Version 1 kept the two settings of the reward at the top."""
+        old = {"sparse_weight": "sparse_weight", "normalize_reward": "normalize"}
+        if not isinstance(data, dict) or not old.keys() & data.keys():
+            return data
+        moved = {new: data[key] for key, new in old.items() if key in data}
+        rest = {key: value for key, value in data.items() if key not in old}
+        return {**rest, "reward": {**(rest.get("reward") or {}), **moved}}
+
+    @model_validator(mode="after")
+    def _only_its_own(self) -> RetrainConfig:
+        for name in NOT_ITS_OWN:
+            section, _, key = name.rpartition(".")
+            model = getattr(self, section) if section else self
+            field = type(model).model_fields[key]
+            if getattr(model, key) != field.get_default(call_default_factory=True):
+                raise ValueError(f"{name} is no setting of a retraining")
+        return self

@@ -1,11 +1,10 @@
-"""The directory of a retraining: settings, metrics, checkpoints, the hardened victim, scores."""
+"""The directory of a retraining: a run's, and the hardened victim."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from pydantic import ValidationError
 
@@ -18,45 +17,42 @@ from apil_core.config.problems import problems_of, raise_problems
 from apil_core.config.yaml import commented_yaml
 from apil_core.plugins.registry import default_plugins
 from apil_core.policies.frozen_policy import FrozenPolicy
-from apil_core.runs.retraining.config import RetrainConfig
-from apil_core.training.storage.run_dir import DEFAULT_ROOT, RunDir
+from apil_core.runs.retraining.config import NOT_ITS_OWN, RetrainConfig
+from apil_core.training.storage.run_dir import DEFAULT_ROOT, RunDir, unused
 
 SCHEME = "retrained"
 
 
-class RetrainDir:
+class RetrainDir(RunDir):
     """Paths and files of one retraining.
-
-    Attributes:
-        files: checkpoints, metrics, notes and lock, which lie as in a run's directory.
 
     Args:
         path: its directory; it need not exist yet.
     """
 
     def __init__(self, path: Path | str):
-        self.path = Path(path)
-        self.files = RunDir(self.path)
+        super().__init__(path)
         self.victim_path = self.path / "victim.safetensors"
-        self.curve_path = self.path / "curve.png"
 
     @classmethod
-    def create(cls, config: RetrainConfig, out: Path | None, command: Sequence[str]) -> RetrainDir:
+    def begin(cls, config: RetrainConfig, out: Path | None, command: Sequence[str]) -> RetrainDir:
         """A fresh directory with the settings and a note of where it was made.
 
         Raises:
             RunDirError: it exists and is not empty, or cannot be written.
         """
-        made = cls(out or _default_path(config))
-        with made.files.make("apil resume"):
-            made.write_config(config)
-            made.files.note_environment(command)
+        stamp = f"{time.strftime('%Y%m%d-%H%M%S')}-s{config.seed}"
+        made = cls(out or unused(DEFAULT_ROOT / config.env / "retrain" / "+".join(config.labels) / stamp))
+        with made.make("apil resume"):
+            made.write_settings(config)
+            made.note_environment(command)
         return made
 
-    def write_config(self, config: RetrainConfig) -> None:
+    def write_settings(self, config: RetrainConfig) -> None:
         """Store the settings."""
-        text = commented_yaml(config.model_dump(mode="json"), RetrainConfig).encode()
-        write_atomically(self.files.config_path, lambda file: file.write(text))
+        own = config.model_dump(mode="json", exclude={name for name in NOT_ITS_OWN if "." not in name})
+        text = commented_yaml(own, RetrainConfig).encode()
+        write_atomically(self.config_path, lambda file: file.write(text))
 
     def config(self) -> RetrainConfig:
         """What was stored.
@@ -67,27 +63,12 @@ class RetrainDir:
         """
         if not is_retraining(self.path):
             raise RunDirError(f"{self.path} is no retraining's directory (no config.yaml of one in it)")
-        layer = file_layer(self.files.config_path)
+        layer = file_layer(self.config_path)
         try:
             return read_stored(layer.data, default_plugins(), RetrainConfig)
         except ValidationError as error:
             raise_problems(problems_of(error, RetrainConfig), layer.origins)
             raise
-
-    def result(self) -> dict[str, Any] | None:
-        """What ``result.json`` says, or ``None`` before the first end."""
-        return self.files.result()
-
-
-def _default_path(config: RetrainConfig) -> Path:
-    name = "+".join(config.labels)
-    stamp = f"{time.strftime('%Y%m%d-%H%M%S')}-s{config.seed}"
-    base = DEFAULT_ROOT / config.env / "retrain" / name / stamp
-    path, count = base, 1
-    while path.exists():
-        count += 1
-        path = base.with_name(f"{base.name}-{count}")
-    return path
 
 
 def name_of(path: Path) -> str:

@@ -27,7 +27,7 @@ def score_each(
         config: the retraining's, with all names spelt out.
         victim: name of the policy to score against.
         episodes: games against each.
-        progress: told of the games played.
+        progress: gets the number of games played.
         plugins: who knows the names.
     """
     names = [*config.adversaries, *([config.baseline] if config.baseline else [])]

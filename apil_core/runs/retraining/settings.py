@@ -19,8 +19,7 @@ from apil_core.plugins.default_victim import default_victim
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import plugins_with
 from apil_core.policies.loading import victim_name, victim_side
-from apil_core.runs.retraining.config import RetrainConfig
-from apil_core.runs.retraining.tally import MIXED
+from apil_core.runs.retraining.config import MIXED, RetrainConfig
 from apil_core.training.export.run_policy import SCHEME, RunCheckpoint, run_path
 
 BASELINE = "baseline"
@@ -36,7 +35,7 @@ def settings(
 ) -> RetrainConfig:
     """The complete settings of a retraining.
 
-    Game, its physics, victim, PPO and number of games are the first run's unless told otherwise.
+    Game, its physics, victim, PPO and number of games are the first run's unless given.
 
     Args:
         adversaries: run directories, ``run:DIR`` or checkpoints of runs, or (besides one of these, or
@@ -100,8 +99,13 @@ def _from_runs(
     found: dict[str, Any] = {key: getattr(config, key) for key in ("env", "num_envs")}
     if not victim_given:  # the one that was attacked, and no other of its name
         found["victim_sha256"] = config.victim_sha256
-    # a minibatch of a recurrent victim is some of the games
-    ppo = config.ppo.model_copy(update={"minibatches": min(config.ppo.minibatches, config.num_envs)})
+    # a minibatch of a recurrent victim is some of the games; its network and its noise are its own
+    own = {
+        "minibatches": min(config.ppo.minibatches, config.num_envs),
+        "critic_observes": "own",
+        "noise": "white",
+    }
+    ppo = config.ppo.model_copy(update=own)
     return {
         **found,
         "victim": victims[first],

@@ -19,7 +19,7 @@ from apil_core.policies.network import NetworkShape, Weights
 from apil_core.training.adversary import AdversaryPolicy
 from apil_core.training.normalize import ObservationNormalizer
 
-_LINEAR = ("weight", "bias")
+LINEAR = ("weight", "bias")
 TRAINABLE = (
     "zoo:…, embedded:…, retrained:DIR, a student's safetensors:FILE, "
     "or run:DIR of a method without extra observations (adrl, apl)"
@@ -64,9 +64,9 @@ def _of_adversary(policy: AdversaryPolicy) -> Trainable:
         "observation.mean": normalizer.shift,
         "observation.std": 1 / normalizer.scale,
         "log_std": policy.actor.std.log(),
-        **{f"mlp.{i}.{name}": getattr(layer, name) for i, layer in enumerate(linears) for name in _LINEAR},
+        **{f"mlp.{i}.{name}": getattr(layer, name) for i, layer in enumerate(linears) for name in LINEAR},
     }
-    for name in _LINEAR:
+    for name in LINEAR:
         weights[f"mlp.{len(hidden)}.{name}"] = weights[f"mlp.{len(hidden)}.{name}"] * policy.actor.unit
     shape = NetworkShape("mlp", info.observation_size, info.action_size, 0, hidden, normalizer.clip)
     return Trainable(shape, _plain(weights))

@@ -11,9 +11,8 @@ from apil_core.common.errors import RunDirError
 from apil_core.common.extras import need
 from apil_core.config.game import PHYSICS
 from apil_core.evaluation.results import EvaluationResult, wilson
-from apil_core.runs.retraining.config import RetrainConfig
+from apil_core.runs.retraining.config import MIXED, RetrainConfig
 from apil_core.runs.retraining.folder import RetrainDir
-from apil_core.runs.retraining.tally import MIXED
 from apil_core.studies.curves.captions import Wording
 from apil_core.studies.curves.curves import LEAST_GAMES, Curve, ScorePoint, shares
 from apil_core.studies.curves.groups import CurveGroup
@@ -31,14 +30,14 @@ def read_opponents(directory: RetrainDir) -> list[CurveGroup]:
     Raises:
         RunDirError: no retraining there, or its metrics are missing, damaged or too few for a curve.
     """
-    config, rows = directory.config(), read_metrics(directory.files.metrics_path)
+    config, rows = directory.config(), read_metrics(directory.metrics_path)
     games = max((int(row.get("window_games", 0)) for row in rows[-1:]), default=0)
     if games < LEAST_GAMES:
         raise RunDirError(
-            f"{directory.files.metrics_path}: {games} training games have ended, a curve needs {LEAST_GAMES}"
+            f"{directory.metrics_path}: {games} training games have ended, a curve needs {LEAST_GAMES}"
         )
     mixed = (MIXED,) if any(f"opponent/{MIXED}/games" in row for row in rows) else ()
-    results = [value for value in directory.files.results().values() if value.get("status") != "failed"]
+    results = [value for value in directory.results().values() if value.get("status") != "failed"]
     physics = config.game.get(PHYSICS)
     return [
         CurveGroup(label=label, curves=[curve], lines=curve.lines)

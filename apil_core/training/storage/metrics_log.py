@@ -19,7 +19,7 @@ Row = dict[str, float]
 
 _SUMMED = {"games", "row_steps"}
 _LAST = {"iteration", "steps", "total_steps", "wall_seconds", "memory_mb"}
-_LAST_PREFIXES = ("window_", "evaluation/")
+_LAST_PREFIXES = ("opponent/", "window_", "evaluation/")
 _PER_GAME = ("return/", "episode_length")
 
 
@@ -151,10 +151,10 @@ def merged(rows: Sequence[Row]) -> Row:
     """One row for consecutive iterations.
 
     Numbers of games and of endings are summed. What is a total or a state (steps, seconds, memory,
-    ``window_*``, ``*_total``, evaluations) is the last one's. All else is a mean over the iterations that
-    have it as a finite number: of returns and lengths weighted by games, of ``steps_per_second`` by seconds,
-    of the rest by steps. Merged rows have ``row_iterations`` and ``row_steps``, over how many they reach; a
-    single one comes back as it was, without ``row_steps``.
+    ``window_*``, ``opponent/*``, ``*_total``, evaluations) is the last one's. All else is a mean over the
+    iterations that have it as a finite number: of returns and lengths weighted by games, of
+    ``steps_per_second`` by seconds, of the rest by steps. Merged rows have ``row_iterations`` and
+    ``row_steps``, over how many they reach; a single one comes back as it was, without ``row_steps``.
 
     Args:
         rows: metrics in order, at least one, each with its ``row_steps``.

@@ -372,7 +372,11 @@ def environment(command: Sequence[str]) -> dict[str, Any]:
 
 def _default_path(config: RunConfig) -> Path:
     stamp = time.strftime("%Y%m%d-%H%M%S")
-    base = DEFAULT_ROOT / config.env / config.method / f"{stamp}-s{config.seed}"
+    return unused(DEFAULT_ROOT / config.env / config.method / f"{stamp}-s{config.seed}")
+
+
+def unused(base: Path) -> Path:
+    """That path, or if it is there the first of ``-2``, ``-3`` and so on that is not."""
     path, count = base, 1
     while path.exists():
         count += 1
