@@ -61,7 +61,7 @@ def make_app() -> App:
         version=__version__,
         # --no-… and --empty-… twins of every flag would only bury the real ones
         default_parameter=Parameter(negative=()),
-        config=_read_whole_numbers,
+        config=read_whole_numbers,
         result_action="return_value",
         exit_on_error=False,
         print_error=False,
@@ -74,11 +74,11 @@ def make_app() -> App:
 
 
 def sub_app(name: str, summary: str) -> App:
-    """A group of verbs (``apil NAME …``) with the manners of the whole."""
+    """A group of verbs (``apil NAME …``) with the same defaults."""
     return App(name=name, help=summary, default_parameter=Parameter(negative=()), help_format="plaintext")
 
 
-def _read_whole_numbers(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+def read_whole_numbers(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
     """Take 300k, 35M and 1e6 for any whole number, and nothing else than one: cyclopts would round 1.5."""
     for argument in arguments:
         if int not in (argument.hint, *get_args(argument.hint)) or argument.parameter.converter:

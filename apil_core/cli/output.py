@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import sys
 from typing import TYPE_CHECKING, Any
@@ -40,8 +39,7 @@ def console(*, stderr: bool = False) -> Console:
             return super().render_str(visible(text), **how)
 
     stream = sys.stderr if stderr else sys.stdout
-    asked = os.environ.get("COLUMNS", "").isdecimal()  # rich reads it
-    width = None if stream.isatty() or asked else _UNFOLDED
+    width = None if stream.isatty() else _UNFOLDED
     return Screen(
         file=stream, width=width, highlight=False, markup=False, emoji=False, soft_wrap=not stream.isatty()
     )

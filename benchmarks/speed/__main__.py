@@ -9,6 +9,7 @@ from typing import Annotated
 
 from cyclopts import App, CycloptsError, Group, Parameter
 
+from apil_core.cli.app import read_whole_numbers
 from apil_core.cli.flags import Json, Plugins, Quiet
 from apil_core.cli.guard import INTERRUPTED, USAGE_ERROR, complain
 from apil_core.cli.output import print_json
@@ -32,6 +33,7 @@ app = App(
     help_format="plaintext",
     version_flags=(),
     default_parameter=Parameter(negative=()),
+    config=read_whole_numbers,
     result_action="return_value",
     exit_on_error=False,
     print_error=False,

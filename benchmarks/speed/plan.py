@@ -13,7 +13,6 @@ from apil_core.api.config import RunConfig
 from apil_core.api.specs import load
 from apil_core.common.errors import ConfigError, UnknownNameError
 from apil_core.common.machine import usable_cpus
-from apil_core.common.numbers import whole_number
 from apil_core.config.layers import preset_names
 from apil_core.config.resolve import resolve
 from apil_core.plugins.discovery import PluginRegistry
@@ -120,7 +119,6 @@ class SpeedRequest:
         int | None,
         Parameter(
             help="Environment steps of a block, which are PPO's batch [default: as the settings have it].",
-            converter=lambda _, tokens: whole_number(tokens[0].value),
             group=_HOW,
         ),
     ] = None

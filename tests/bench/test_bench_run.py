@@ -80,10 +80,12 @@ def test_a_job_does_what_is_missing_and_no_more(done: JobStatus):
     assert more.bench.cells()[0].score("plain").episodes == 30
     assert [row["steps"] for row in read_metrics(run.metrics_path)] == [512 * i for i in range(1, 7)]
 
-    # and a damaged score is told, not played over
+    # a damaged score is an error, not played over
     score_path(run.path, "plain").write_text("{")
+    assert not more.is_done(job)
     with pytest.raises(Exception, match=r"plain\.json is damaged"):
-        more.is_done(job)
+        perform(done.bench.path, CELL)
+    assert score_path(run.path, "plain").read_text() == "{"
 
 
 def test_a_job_waits_for_a_process_that_is_still_at_it(done: JobStatus, monkeypatch: pytest.MonkeyPatch):
