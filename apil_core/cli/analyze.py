@@ -115,7 +115,7 @@ app.command(activations)
 def _places(out: Path | None, picture: Path | None, force: bool) -> tuple[Path | None, Path | None]:
     """Where document and picture go; checked before minutes of playing."""
     from apil_core.common.charts import check_picture
-    from apil_core.common.files import check_place
+    from apil_core.common.files import check_free, check_place
 
     if out is not None and out.suffix != ".json":
         try:
@@ -128,8 +128,7 @@ def _places(out: Path | None, picture: Path | None, force: bool) -> tuple[Path |
     for path in (out, picture):
         if path is not None:
             check_place(path)
-            if path.exists() and not force:
-                raise ConfigError(f"{path} exists already; choose another name, or --force to replace it")
+            check_free(path, force=force)
     return out, picture
 
 

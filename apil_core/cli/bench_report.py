@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from apil_core.cli.flags import Json
 from apil_core.cli.output import console, print_json
 from apil_core.common.extras import need
+from apil_core.common.files import check_free
 
 PAGE, TABLES = "index.html", "tables"
 
@@ -28,6 +29,7 @@ def report(
         Path | None, Parameter(help="Where to write [default: DIR/report of the first].", show_default=False)
     ] = None,
     tables_only: Annotated[bool, Parameter(help="No page, only the tables.", show_default=False)] = False,
+    force: Annotated[bool, Parameter(help="Replace a report in --out.", show_default=False)] = False,
     json: Json = False,
 ) -> int:
     """Put a benchmark's results beside the published ones: one page, and tables as CSV and LaTeX.
@@ -39,6 +41,8 @@ def report(
 
     if not tables_only:
         need("matplotlib")
+    for path in () if out is None else (out / PAGE, out / TABLES):
+        check_free(path, force=force)
     data = gather(directories, run)
     folder = out if out is not None else directories[0] / "report"
     written = write_tables(data, folder / TABLES)

@@ -16,6 +16,7 @@ from apil_core.cli.flags import Json, Quiet
 from apil_core.cli.guard import INTERRUPTED, complain
 from apil_core.cli.progress import make_progress
 from apil_core.common.errors import ApilError, ConfigError
+from apil_core.common.extras import need
 from apil_core.studies.bench.matrix import NAMES_WITHOUT_BUDGET, matrix_names
 
 if TYPE_CHECKING:
@@ -132,6 +133,9 @@ def run(
     workers, threads = where.share()
     jobs, status = make_jobs(benchmark), JobStatus(bench, benchmark)
     if dry_run:
+        if where.executor == "ray":
+            need("ray")
+            workers = workers or 1  # how many a cluster has room for is known when it is joined
         cost = _estimate(benchmark, jobs, status, threads, quiet)
         print_plan(benchmark, jobs, status, cost, workers, as_json=as_json)
         return 0

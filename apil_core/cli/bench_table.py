@@ -179,8 +179,8 @@ def print_plan(
         f"{len(benchmark.cells)} cells, {steps:,} steps; besides: {besides or 'nothing'}", markup=False
     )
     screen.print(
-        f"left: about {cost.hours(workers):.1f} h on {workers} workers if they do not slow each other down, "
-        "games of baselines, cross-play, activations and pictures not counted",
+        f"left: about {cost.hours(workers):.1f} h on {workers} worker{'s' * (workers != 1)} if they do not "
+        "slow each other down, games of baselines, cross-play, activations and pictures not counted",
         markup=False,
     )
 

@@ -77,9 +77,8 @@ def crossplay(
         Path | None,
         Parameter(help="Keep the scores in this JSON file, and play only pairings that are not yet in it."),
     ] = None,
-    picture: Annotated[
-        Path | None, Parameter(help="Draw a heat map: .png, .svg or .pdf; replaced if it exists.")
-    ] = None,
+    picture: Annotated[Path | None, Parameter(help="Draw a heat map: .png, .svg or .pdf.")] = None,
+    force: Annotated[bool, Parameter(show_default=False, help="Replace the picture if it exists.")] = False,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
@@ -89,13 +88,14 @@ def crossplay(
     was stopped, also with players added; a file that was made with other settings is refused.
     """
     from apil_core.common.charts import check_picture
-    from apil_core.common.files import check_place
+    from apil_core.common.files import check_free, check_place
     from apil_core.evaluation.crossplay.crossplay import crossplay as play
     from apil_core.runs.labels import labelled
 
     if picture is not None:
         check_picture(picture)
         check_place(picture)
+        check_free(picture, force=force)
     options = (flags or CrossPlayFlags()).options(PairingOptions)
     with make_progress(quiet=quiet) as progress:
         document = play(

@@ -86,6 +86,16 @@ def check_place(path: Path) -> None:
         raise ConfigError(f"{path}: cannot be written: {reason}")
 
 
+def check_free(path: Path, *, force: bool = False) -> None:
+    """Whether nothing is there that would be replaced.
+
+    Raises:
+        ConfigError: something is, without ``force``.
+    """
+    if path.exists() and not force:
+        raise ConfigError(f"{path} exists already; choose another name, or --force to replace it")
+
+
 def sha256(path: Path) -> str:
     """Hex digest of a file."""
     with path.open("rb") as file:

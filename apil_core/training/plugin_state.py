@@ -72,6 +72,20 @@ def load_known_states(plugins: Mapping[str, RunPlugin], states: Mapping[str, dic
     load_states({name: plugin for name, plugin in plugins.items() if name in states}, states)
 
 
+def of_other_games(saved: Any, fresh: Any, there: int, here: int) -> Any:
+    """``saved`` with the ``fresh`` value of what has a row for each of ``there`` games, not for ``here``.
+
+    A plugin that makes it in its first step has none or ``None`` yet.
+    """
+    if isinstance(saved, Mapping) and isinstance(fresh, Mapping):
+        return {k: of_other_games(v, fresh[k], there, here) if k in fresh else v for k, v in saved.items()}
+    if isinstance(saved, Tensor) and isinstance(fresh, Tensor) and saved.shape != fresh.shape:
+        per_game = [here if a == there and b == here else a for a, b in zip(saved.shape, fresh.shape)]  # noqa: B905
+        return fresh if tuple(per_game) == fresh.shape else saved
+    lazy = fresh is None and isinstance(saved, Tensor) and there != here and there in saved.shape[:1]
+    return None if lazy else saved
+
+
 def check_states(
     plugins: Mapping[str, RunPlugin], anew: Callable[[], Mapping[str, RunPlugin]], device: torch.device
 ) -> None:

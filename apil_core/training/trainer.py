@@ -20,7 +20,7 @@ from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.hook_manager import short_repr
 from apil_core.training.build import RunParts
 from apil_core.training.distributed.replicas import Replicas
-from apil_core.training.plugin_state import load_known_states, load_states, states_of
+from apil_core.training.plugin_state import load_known_states, load_states, of_other_games, states_of
 from apil_core.training.ppo import MAIN_STREAM
 from apil_core.training.side_games import SideGames
 from apil_core.training.storage.metrics_log import over_processes
@@ -248,6 +248,8 @@ class Trainer:
     def start_from(self, state: dict[str, Any]) -> None:
         """Take networks and statistics of another run's state; games and PPO's optimisers start fresh.
 
+        So does what a plugin keeps for each game, where there were more or fewer of them.
+
         Reward statistics come along, since the critics predict in their units.
         """
         attack = self.attack
@@ -263,8 +265,10 @@ class Trainer:
         if attack.env.privileged is not None and privileged is not None:
             attack.env.privileged.load_state_dict(privileged)
         attack.env.restart()
-        load_known_states(attack.methods, state["methods"])
-        load_known_states(attack.hooks.of(Observer), state.get("observers", {}))
+        there, here = state["config"]["num_envs"], self.config.num_envs
+        for plugins, key in ((attack.methods, "methods"), (attack.hooks.of(Observer), "observers")):
+            fresh = states_of(plugins)
+            load_known_states(plugins, of_other_games(state.get(key, {}), fresh, there, here))
 
 
 def _named(plugin: str, answer: Mapping[str, Any]) -> dict[str, float]:

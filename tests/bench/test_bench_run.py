@@ -11,6 +11,7 @@ import sys
 import threading
 from contextlib import closing
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -274,7 +275,7 @@ def test_a_job_stops_with_a_checkpoint_when_its_supervisor_is_killed(tmp_path: P
 
 @pytest.mark.slow
 def test_a_dry_run_of_a_half_done_benchmark(
-    done: JobStatus, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    done: JobStatus, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     path = written(tmp_path / "m.yaml", small_matrix(methods=["adrl", "apl"], snapshots={"pictures": 2}))
     before = sorted(done.bench.path.rglob("*"))
@@ -298,6 +299,13 @@ def test_a_dry_run_of_a_half_done_benchmark(
     assert any(line.split()[:2] == ["toy-pursuit/apl/s0", "new"] for line in lines)
     assert "2 cells, 6,144 steps; besides: 2 × snapshots" in lines
     assert sorted(done.bench.path.rglob("*")) == before, "a dry run wrote something"
+
+    monkeypatch.setitem(sys.modules, "ray", None)  # not installed
+    assert call(path, "--out", done.bench.path, "--dry-run", "--executor", "ray") == 2
+    assert capsys.readouterr().err == "apil: Ray clusters need ray: pip install 'apil[ray]'\n"
+    monkeypatch.setitem(sys.modules, "ray", ModuleType("ray"))  # how many workers is not known yet
+    assert call(*words[:-3], "--executor", "ray", "--quiet") == 0
+    assert "h on 1 worker if" in capsys.readouterr().out
 
 
 def test_the_live_table_shows_what_runs(done: JobStatus, monkeypatch: pytest.MonkeyPatch):

@@ -23,6 +23,10 @@ def test_the_table_has_every_pairing(apil: Apil, tmp_path: Path) -> None:
         assert word in done.out, word
     assert "4 of 4 pairings: [x] against noise: win " in done.err
     assert picture.read_bytes().startswith(b"\x89PNG")
+    again = apil(*CROSS, *PLAYERS, "--picture", picture)
+    assert (again.code, again.out) == (2, "")
+    assert "map.png exists already; choose another name, or --force" in again.err
+    assert apil(*CROSS, *PLAYERS, "--picture", picture, "--force", "--quiet").code == 0
 
 
 def test_a_second_call_plays_nothing_again(apil: Apil, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from apil_core.cli.bench_report import report
-from apil_core.common.errors import ApilError
+from apil_core.common.errors import ApilError, ConfigError
 from apil_core.evaluation.results import PolicyId
 from apil_core.studies.bench.cells import resolve_matrix
 from apil_core.studies.bench.folder import BenchDir, read_score, write_score
@@ -120,6 +120,9 @@ def test_the_same_directory_twice_counts_once_and_the_answer_can_be_json(
     assert (found["page"], found["unfinished"]) == (None, [])
     assert len(found["tables"]) == len(list((tmp_path / "tables").iterdir()))
     assert not any(warning["kind"] == "copies" for warning in found["warnings"])
+    with pytest.raises(ConfigError, match="tables exists already; choose another name, or --force"):
+        report([bench.path], out=tmp_path, tables_only=True)
+    assert report([bench.path], out=tmp_path, tables_only=True, force=True) == 0
 
 
 def test_a_cell_named_as_a_run_of_its_own_counts_once(bench: BenchDir) -> None:

@@ -190,6 +190,55 @@ def test_only_the_newest_checkpoints_stay(tmp_path):
     assert names == [f"iteration-{i:08d}.pt" for i in (4, 5, 6)]
 
 
+KEEPER = """
+import torch
+from apil_core import Method, MethodSpec, hookimpl
+
+class Keeper(Method):
+    def __init__(self, options, context):
+        super().__init__(options, context)
+        self.sums, self.mean = None, torch.zeros(3)
+
+    @hookimpl
+    def shape_reward(self, step):
+        self.sums = torch.zeros_like(step.sparse[0]) if self.sums is None else self.sums
+        self.sums, self.mean = self.sums + 1, self.mean + 1
+        return {"nothing": self.sums * 0}
+
+    def state_dict(self):
+        return {"sums": self.sums, "mean": self.mean}
+
+    def load_state_dict(self, state):
+        self.sums, self.mean = state["sums"], state["mean"]
+
+@hookimpl
+def register_methods():
+    return [MethodSpec("keeper", f"{__name__}:Keeper", requires=("adrl",))]
+"""
+
+
+def test_what_a_plugin_keeps_for_each_game_starts_fresh_with_another_number_of_games(tmp_path):
+    (tmp_path / "keeper.py").write_text(KEEPER)
+    made = {
+        "plugins": (str(tmp_path / "keeper.py"),),
+        "steps": 256,
+        "ppo": {"num_steps": 16, "minibatches": 2},
+    }
+    run(small_config("keeper", num_envs=8, **made), out=tmp_path / "first")
+    run(small_config("keeper", num_envs=4, init_from=tmp_path / "first", **made), out=tmp_path / "second")
+    kept = final_state(tmp_path / "second")["methods"]["keeper"]
+    assert kept["sums"].tolist() == [64.0] * 4  # 256 steps in 4 games
+    assert kept["mean"].tolist() == [32.0 + 64.0] * 3
+
+
+def test_a_run_killed_before_its_first_checkpoint_may_be_deleted(tmp_path):
+    run(small_config("adrl", steps=512), out=tmp_path / "r")
+    for path in RunDir(tmp_path / "r").checkpoints():
+        path.unlink()
+    with pytest.raises(RunDirError, match="nothing to continue .* delete it and begin again"):
+        resume(tmp_path / "r")
+
+
 def test_init_from_takes_the_networks_of_another_run(tmp_path):
     run(small_config("adrl"), out=tmp_path / "first")
     run(small_config("adrl", init_from=tmp_path / "first", seed=5, steps=512), out=tmp_path / "second")

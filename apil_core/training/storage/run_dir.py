@@ -139,7 +139,10 @@ class RunDir:
         """
         found = self.checkpoints()
         if not found:
-            raise RunDirError(f"{self.path} has no checkpoint yet: nothing to continue or evaluate")
+            raise RunDirError(
+                f"{self.path} has no checkpoint: nothing to continue or evaluate; unless a process is still "
+                "training there, delete it and begin again"
+            )
         return found[-1]
 
     def checkpoint(self, wanted: Path | str | None) -> Path:
