@@ -20,7 +20,7 @@ from apil_core.studies.activations.options import Sampling
 if TYPE_CHECKING:
     from apil_core.studies.activations.models import ActivationMap, LogLikelihood
 
-app = sub_app("analyze", "Look inside: the victim's activations against each opponent.")
+app = sub_app("analyze", "Analyse the victim's activations against each opponent.")
 
 DOCUMENT, PICTURE = "activations.json", "activations.png"
 

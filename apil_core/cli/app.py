@@ -11,11 +11,12 @@ from apil_core.common.numbers import whole_number
 
 _HELP = (
     "Train and judge adversarial policies against deep-RL agents in two-player games.\n\n"
-    "--trust (with any command): run code that files name (python: and pettingzoo: names, one-file plugins)."
+    "--trust (with any command): also run code that only a file names (python: and pettingzoo: names, "
+    "one-file plugins): for files whose author you trust."
 )
 
 _WORK = Group("Train and evaluate", sort_key=0)
-_LOOK = Group("See what is there", sort_key=1)
+_LOOK = Group("List and check", sort_key=1)
 
 _VERBS = (
     ("run", "run:run", _WORK, "Train an adversary against a frozen victim, then score it."),
@@ -26,26 +27,26 @@ _VERBS = (
         "fidelity",
         "fidelity:fidelity",
         _WORK,
-        "Compare the games with their originals: measured beside published scores.",
+        "Compare the games with their originals: measured and published scores.",
     ),
     ("crossplay", "crossplay:crossplay", _WORK, "Score every adversary against every victim."),
-    ("analyze", "analyze:app", _WORK, "Look inside: the victim's activations against each opponent."),
+    ("analyze", "analyze:app", _WORK, "Analyse the victim's activations against each opponent."),
     ("retrain", "retrain:retrain", _WORK, "Harden a victim against the adversaries of runs."),
     ("distill", "distill:distill", _WORK, "Train a compact student of a policy, to ship or to attack."),
     ("runs", "runs:app", _WORK, "List runs, compare their scores, draw their learning curves."),
     ("export", "export:export", _WORK, "Write a trained adversary as ONNX, TorchScript or safetensors."),
     ("bench", "bench:app", _WORK, "Measure attacks over methods, games and seeds."),
-    ("new", "new:app", _WORK, "Write a plugin package of one's own: an attack method, a game or a victim."),
+    ("new", "new:app", _WORK, "Write a plugin package of your own: an attack method, a game or a victim."),
     ("config", "config:app", _WORK, "Show, validate, describe and compare configurations."),
     ("victims", "victims:app", _WORK, "List, check, import and download victims."),
-    ("methods", "offers:methods", _LOOK, "Attack methods there are."),
-    ("observers", "offers:observers", _LOOK, "Observers there are, such as defences."),
-    ("games", "offers:games", _LOOK, "Games there are."),
+    ("methods", "offers:methods", _LOOK, "List attack methods."),
+    ("observers", "offers:observers", _LOOK, "List observers, such as defences."),
+    ("games", "offers:games", _LOOK, "List games."),
     (
         "plugins",
         "offers:plugins",
         _LOOK,
-        "Installed plugins, what they offer, and what is wrong with broken ones.",
+        "List installed plugins, what they offer, and what is wrong with broken ones.",
     ),
     ("doctor", "doctor:doctor", _LOOK, "Check this machine: what works, what does not, and what to do."),
     ("completion", "completion:completion", _LOOK, "Print the shell's completion script."),

@@ -39,7 +39,7 @@ _HOW = Group("How", sort_key=1)
     {
         "env": "Game.",
         "teacher": "Policy to imitate [default: the game's agent for this side].",
-        "opponent": "Whom it plays [default: the game's agent for the other side].",
+        "opponent": "Policy it plays against [default: the game's agent for the other side].",
         "game.physics": "[default: faithful]",
         "network": "Student's network [default: lstm for a recurrent teacher, else mlp].",
         "steps": "Game steps to play and label, rounded up to whole blocks.",

@@ -42,7 +42,7 @@ Show = Annotated[
     Parameter(
         show_default=False,
         group=_REST,
-        help="In the end also draw the learning curve (curve.png) and film a won game (won-game.mp4).",
+        help="In the end also draw the learning curve (curve.png) and record a won game (won-game.mp4).",
     ),
 ]
 Quiet = Annotated[bool, Parameter(show_default=False, group=_REST, help="No progress display.")]

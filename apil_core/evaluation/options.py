@@ -50,7 +50,7 @@ class PairingOptions(OptionSet):
     env: str | None = None
     """Game; needed unless ADVERSARY is a run [default: the run's]."""
     victim: str | None = None
-    """Whom it plays, named likewise [default: the run's victim, else the game's]."""
+    """Policy it plays against, named like ADVERSARY [default: the run's victim, else the game's]."""
     victim_seat: Literal[0, 1] | None = None
     """Side of the victim, where the adversary is no run [default: the game's]."""
     physics: Profile | None = None
@@ -96,7 +96,7 @@ class EvaluationOptions(PairingOptions):
     blind_imitator: bool = False
     """Hide it from the adversary's methods too, with --blind."""
     blind_victim: BlindMode | None = None
-    """Hide the adversary from the victim: what is still won was not won by what it saw."""
+    """Hide the adversary from the victim: remaining wins do not depend on what it sees."""
 
     @model_validator(mode="after")
     def _imitator_needs_a_mode(self) -> Self:
