@@ -1,1 +1,1 @@
-"""What plugins are written against: hooks, specs, games, policies, methods, settings."""
+"""Interfaces for plugins: hooks, specs, games, policies, methods, settings."""

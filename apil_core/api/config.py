@@ -17,7 +17,7 @@ BlindMode = Literal["zeros", "initial"]
 
 @dataclass(frozen=True)
 class Absent:
-    """What a stored config meant that was written before a key existed; see :func:`absent`."""
+    """Meaning of a key's absence from a stored config that is older than the key; see :func:`absent`."""
 
     value: Any
 

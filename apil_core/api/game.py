@@ -2,7 +2,7 @@
 
 The rules exist once, here in batched form; :mod:`apil_core.games.views` shows the same object as a
 PettingZoo ``ParallelEnv`` and as a Gymnasium ``Env``, :mod:`apil_core.training.attack_env` as the trainer's
-``VecEnv``. Nothing in this file knows torch.
+``VecEnv``. This module does not import torch.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Array = NDArray[Any]
 
 
 NO_WINNER = -1
-"""Value of :attr:`GameStep.winner` for a tie, and for a game that goes on."""
+"""Value of :attr:`GameStep.winner` for a tie and for a game that has not ended."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class SideLayout:
         action_low, action_high: bounds of every action component (the game clips to them). Infinite ones
             mean that the components are scores of choices, of which the game takes the largest.
         blocks: named parts of the observation, in order; they tile it without gaps.
-        opponent_channels: indices of the observation that tell about the opponent (blinding).
+        opponent_channels: indices of the observation that depend on the opponent (blinding).
     """
 
     name: str
@@ -44,7 +44,7 @@ class SideLayout:
     action_low: float
     action_high: float
     blocks: dict[str, slice] = field(default_factory=dict)
-    opponent_channels: tuple[int, ...] = field(default=(), compare=False)  # says nothing of who fits the seat
+    opponent_channels: tuple[int, ...] = field(default=(), compare=False)  # not sizes
 
     @property
     def action_limit(self) -> float:
@@ -53,13 +53,13 @@ class SideLayout:
 
     @property
     def discrete(self) -> bool:
-        """Whether an action is one score per choice."""
+        """True if an action is one score per choice."""
         return math.isinf(self.action_high)
 
 
 @dataclass(frozen=True)
 class GameLayout:
-    """What never changes during a run: both sides, the step limit and the names of endings.
+    """Constants of a game: both sides, the step limit and the names of endings.
 
     ``causes`` are short kebab-case names of the ways a game can end, e.g. ``("goal", "time-up",
     "diverged")``; :attr:`GameStep.cause` indexes them.
@@ -72,10 +72,10 @@ class GameLayout:
 
 @dataclass
 class GameStep:
-    """What one step of all games gave. Valid until the next call of ``step``.
+    """Result of one step of all games. Valid until the next call of ``step``.
 
     Attributes:
-        sparse: outcome reward per side, shape (2, num_envs), float32; zero while a game goes on.
+        sparse: outcome reward per side, shape (2, num_envs), float32; zero until a game ends.
         dense: movement reward per side as the original games return it, shape (2, num_envs);
             ``sparse + dense`` is a side's returned reward.
         shaping: the dense stream training uses, shape (2, num_envs); equals ``dense`` in most games.
@@ -100,11 +100,11 @@ class Window(ABC):
     @property
     @abstractmethod
     def is_open(self) -> bool:
-        """Whether the user has not closed it."""
+        """True until the user closes the window."""
 
     @abstractmethod
     def show(self, caption: str) -> None:
-        """Draw the game as it stands, with that text."""
+        """Draw the game's current state, with that text."""
 
     @abstractmethod
     def close(self) -> None:
@@ -121,7 +121,7 @@ class Game(ABC):
     layout: GameLayout
     num_envs: int
     seconds_per_step: float = 0.05
-    """Time that a control step stands for, s; it decides how fast a video plays."""
+    """Simulated time of a control step, s; sets the speed of videos."""
 
     @property
     def packages(self) -> tuple[str, ...]:
@@ -130,7 +130,7 @@ class Game(ABC):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What its options come to where a profile fills them in, ``physics`` naming it; kept with scores."""
+        """Options with the profile's values filled in, ``physics`` naming the profile; stored with scores."""
         return {}
 
     @abstractmethod
@@ -173,7 +173,7 @@ class Game(ABC):
         """Restore what :meth:`state_dict` gave, on a game made with the same arguments."""
 
     def render(self, row: int, width: int, height: int, colours: tuple[Colour, Colour]) -> Array:
-        """Draw one game as it stands; changes nothing in it.
+        """Draw the current state of one game; does not change it.
 
         Args:
             row: which game.
@@ -208,31 +208,31 @@ class Game(ABC):
 
 
 class PhysicsStopwatch(ABC):
-    """Keeps what every physics call of a game started from, and times the very same calls alone.
+    """Record of the start state of every physics call of a game; replays the same calls alone and times them.
 
-    A rate tells little on a machine that is never quite idle; a ratio to the same work, seconds apart, does.
+    A rate means little on a machine that is never idle; a ratio to the same work, seconds apart, does.
     """
 
     @abstractmethod
     def record(self) -> None:
-        """Forget what was kept, and keep every physics call of the game from now on."""
+        """Clear the record and start recording every physics call of the game."""
 
     @abstractmethod
     def stop(self) -> float:
-        """Keep no more calls.
+        """Stop recording.
 
         Returns:
-            seconds that keeping took since :meth:`record`; they are part of whatever was timed meanwhile.
+            seconds spent recording since :meth:`record`; they are part of any time measured meanwhile.
         """
 
     @abstractmethod
     def replay(self) -> float:
-        """Do the kept calls once more, in their order and on as many threads; the game does not notice.
+        """Repeat the recorded calls in order, on as many threads; does not change the game.
 
         Returns:
-            seconds the calls took, without putting their starting points in place.
+            seconds the calls took, without the time to restore their start states.
         """
 
     @abstractmethod
     def close(self) -> None:
-        """Let the game's physics alone, and drop what was kept; closing twice is fine."""
+        """Detach from the game's physics and drop the record; may be called twice."""

@@ -20,7 +20,7 @@ OLDEST_HOOK_API = 1
 """Oldest version for which plugins may be built that still work here."""
 
 STATEMENT = "APIL_HOOK_API"
-"""Attribute of a plugin's module that says for which version it was built."""
+"""Attribute of a plugin's module with the version it was built for."""
 
 
 class HookDeprecationWarning(DeprecationWarning):
@@ -75,7 +75,7 @@ def stated_version(plugin: Any) -> int | None:
 
 
 def check_version(name: str, stated: int | None) -> None:
-    """Whether a plugin that states this version can work here; one that states none is believed to.
+    """Check that a plugin built for this version can work here; a plugin that states none passes.
 
     Raises:
         PluginError: built for a newer version, or one too old.
@@ -91,7 +91,7 @@ def check_version(name: str, stated: int | None) -> None:
 
 
 def version_in_source(place: str | Path) -> int | None:
-    """What a module's source states, for one that fails to import: often it was built for another version.
+    """Version stated in the source of a module that fails to import, often as it was built for another one.
 
     Args:
         place: a file, or a module's name.

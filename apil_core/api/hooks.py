@@ -41,14 +41,14 @@ def hookspec(
     deprecated: Deprecation | None = None,
     deprecated_arguments: Mapping[str, Deprecation] | None = None,
 ) -> Any:
-    """Mark a function as a hook that others may fill (for plugins that open hooks of their own).
+    """Mark a function as a hook that other plugins may implement (for plugins that define their own hooks).
 
     Args:
         function: where the marker is used without arguments.
         firstresult: only the first answer that is not ``None`` counts.
         since: hook API version it came with.
-        deprecated: its announced end; plugins that fill it are told so.
-        deprecated_arguments: ends of arguments, by name; plugins that take them are told so.
+        deprecated: its announced removal; plugins that implement it get a warning.
+        deprecated_arguments: removals of arguments, by name; plugins that take them get a warning.
     """
 
     def marked(function: _Function) -> _Function:

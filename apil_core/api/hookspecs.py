@@ -1,8 +1,8 @@
 """Every hook of the core. A hook implementation takes only the arguments it names.
 
-``ProcessHooks`` are asked once per process, ``RunHooks`` during one run (training or evaluation).
+``ProcessHooks`` are called once per process, ``RunHooks`` during one run (training or evaluation).
 Shapes: ``n`` is ``num_envs``, ``T`` the rollout length. ``docs/make_hooks.py`` makes the tables of
-docs/hooks.md from here: what a hook is for, ``When`` it is called, its arguments and what it returns.
+docs/hooks.md from these docstrings: purpose, ``When`` the hook is called, arguments and return value.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class ProcessHooks:
-    """Asked once, when plugins are discovered. Implementations must not import torch or mujoco."""
+    """Called once, when plugins are discovered. Implementations must not import torch or mujoco."""
 
     @hookspec(since=1)
     def register_methods(self) -> list[MethodSpec]:  # type: ignore[empty-body]
@@ -80,10 +80,10 @@ class RunHooks:
 
     @hookspec(since=1)
     def run_started(self, run: Run) -> None:
-        """Hear that a run begins or goes on.
+        """React to the start or resumption of a run.
 
-        When: once per session, when everything is built and the first rollout has not begun; after a
-            resume too.
+        When: once per session, after everything is built and before the first rollout; after a resume
+            too.
 
         Args:
             run: the run.
@@ -91,10 +91,10 @@ class RunHooks:
 
     @hookspec(since=1)
     def run_finished(self, run: Run) -> None:
-        """Hear that a run is over.
+        """React to the end of a run.
 
-        When: once, when the budget is used up, the last checkpoint is written and the final evaluation is
-            over; not where a run is interrupted or fails.
+        When: once, after the budget is used up, the last checkpoint is written and the final evaluation is
+            done; not when a run is interrupted or fails.
 
         Args:
             run: the run.
@@ -102,14 +102,14 @@ class RunHooks:
 
     @hookspec(since=1)
     def filter_observation(self, context: Context, side: int, obs: Tensor) -> Tensor | None:
-        """Change what a side sees: noise, masking, defences.
+        """Change a side's observation: noise, masking, defences.
 
         When: for each side, once per vectorised step before anyone acts, in training and in evaluation.
             Filters follow one another: required methods, the method, observers in the order of the
             configuration.
 
         Args:
-            context: for whom; ``context.side`` equals ``side``.
+            context: of the observation; ``context.side`` equals ``side``.
             side: 0 or 1.
             obs: that side's observation as the last filter left it, (n, o) or (n, o').
 
@@ -125,7 +125,7 @@ class RunHooks:
             evaluation, cross-play, video.
 
         Args:
-            context: for whom; ``context.mode`` tells training from evaluation.
+            context: of the observation; ``context.mode`` is ``train`` or ``eval``.
             view: ``own`` (n, o), ``opponent`` (n, o'), ``first`` (n,) bool where a game has just begun,
                 ``opponent_action`` (n, a').
 
@@ -181,14 +181,14 @@ class RunHooks:
     def update_auxiliary(
         self, run: Run, rollout: Rollout
     ) -> dict[str, float] | Callable[[], dict[str, float]] | None:
-        """Train what else a method owns.
+        """Train a method's auxiliary models.
 
         When: once per rollout, after advantages and before PPO; plugins one after the other, the required
-            first. A function that is handed back is called when all have been asked, beside PPO's update
+            first. A returned function is called after all plugins' hooks, in parallel with PPO's update
             where there are two cores: it may use neither ``run.collect`` nor torch's global generator.
 
         Args:
-            run: the run; ``run.collect`` and ``run.generator`` are of use here.
+            run: the run; ``run.collect`` and ``run.generator`` may be used here.
             rollout: the ``Rollout``; ``rollout.advantages`` is set.
 
         Returns:
@@ -198,18 +198,18 @@ class RunHooks:
 
     @hookspec(since=1)
     def iteration_finished(self, run: Run, metrics: dict[str, float]) -> None:
-        """Hear how an iteration went.
+        """Read the metrics of an iteration.
 
-        When: after every iteration, when the recorders have got its metrics.
+        When: after every iteration, after the recorders received its metrics.
 
         Args:
             run: the run.
-            metrics: ``{name: number}``, what the recorders got, but never merged.
+            metrics: ``{name: number}``, those the recorders received, but never merged.
         """
 
     @hookspec(since=1)
     def evaluation_finished(self, run: Run, result: dict[str, object]) -> None:
-        """Hear the score.
+        """Read the score of an evaluation.
 
         When: after each evaluation during and at the end of a training; not after ``apil eval``.
 

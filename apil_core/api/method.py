@@ -1,4 +1,4 @@
-"""What methods and observers are made of: their base classes, and the run they meet in their hooks."""
+"""Base classes of methods and observers, and the interface of the run that hooks get."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class MethodSetup:
-    """What a method or an observer is built from, the same in training and in a later evaluation.
+    """Arguments a method or an observer is built from, the same in training and in a later evaluation.
 
     Attributes:
         layout: sizes of both sides.
@@ -50,10 +50,10 @@ class MethodSetup:
 
 
 class RunPlugin:
-    """What methods and observers have in common: options, and a state that survives a restart.
+    """Base of methods and observers: options, and a state that survives a restart.
 
     Hooks are methods marked with ``@hookimpl``. Subclasses build their networks in ``__init__`` and
-    return all that must survive a restart (weights, optimisers, statistics) from :meth:`state_dict`.
+    return everything that must survive a restart (weights, optimisers, statistics) from :meth:`state_dict`.
     """
 
     def __init__(self, options: BaseModel | None, setup: MethodSetup):
@@ -97,7 +97,7 @@ class Run(Protocol):
         steps: environment steps collected so far (all rollouts, :meth:`collect` included).
         total_steps: the run's budget.
         iteration: index of the current iteration, from 0.
-        hook: caller of all hooks, those that methods open included: ``run.hook.<name>(...)``.
+        hook: caller of all hooks, those defined by methods included: ``run.hook.<name>(...)``.
     """
 
     config: RunConfig
@@ -115,7 +115,7 @@ class Run(Protocol):
         ...
 
     def stop(self, reason: str) -> None:
-        """End the training after this iteration, as if the budget were used up; the ``reason`` is kept."""
+        """End training after this iteration, as if the budget were used up; the ``reason`` is stored."""
         ...
 
     def collect(self, victim_side_policy: Policy, steps: int) -> Rollout:

@@ -1,4 +1,4 @@
-"""The contract of a policy: one side's acting mind, batched over games."""
+"""The interface of a policy: it chooses one side's actions, batched over games."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class PolicyInfo:
             it are absolute); a run stores it.
         sha256: of the weights the policy was made from.
         observation_size, action_size: what it reads and gives.
-        provenance: where it came from, for people.
+        provenance: origin, as text.
         action_bounds: lowest and highest action it was made for, if it says so; a seat must have the same.
     """
 
@@ -33,9 +33,9 @@ class PolicyInfo:
 
 
 class Policy(ABC):
-    """A policy for one side. Serves training, evaluation, cross-play and video alike.
+    """A policy for one side, for training, evaluation, cross-play and video.
 
-    Recurrent state lives inside, one row per game; ``act`` clears the rows where ``view.first``.
+    The policy holds its recurrent state, one row per game; ``act`` clears the rows where ``view.first``.
     The number of games may change between calls only together with ``first`` all true.
     """
 
@@ -64,7 +64,7 @@ class Policy(ABC):
         return self
 
     def seed(self, seed: int) -> None:  # noqa: B027  (optional)
-        """Restart random generators of the policy's own, if it has any beside :meth:`act`'s argument."""
+        """Reseed the policy's own random generators, if it has any beside :meth:`act`'s argument."""
 
     def recurrent_state(self) -> dict[str, Any]:
         """State carried between steps (empty for feed-forward policies), for exact resume.
@@ -74,4 +74,4 @@ class Policy(ABC):
         return {}
 
     def load_recurrent_state(self, state: dict[str, Any]) -> None:  # noqa: B027  (optional)
-        """Restore what :meth:`recurrent_state` gave; an empty one forgets all games."""
+        """Restore the result of :meth:`recurrent_state`; an empty one resets all games."""

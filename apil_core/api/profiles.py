@@ -15,10 +15,10 @@ from apil_core.api.config import Section
 Profile = Literal["faithful", "fast"]
 
 FAITHFUL: Profile = "faithful"
-"""The profile a game has unless told otherwise."""
+"""Default profile of a game."""
 
 CUSTOM = "custom"
-"""Stands for a profile's name where the values are those of neither."""
+"""Name used where the values match neither profile."""
 
 
 class ProfiledOptions(Section):

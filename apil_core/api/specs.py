@@ -1,4 +1,4 @@
-"""What a plugin registers: pure data, importable without torch or mujoco.
+"""Specs that plugins register: pure data, importable without torch or mujoco.
 
 Factories are named as lazy ``"module:attribute"`` strings, so that ``apil --help`` and
 ``apil plugins`` stay quick; :func:`load` resolves one when it is needed.
@@ -22,7 +22,7 @@ from apil_core.common.errors import PluginError
 
 @dataclass(frozen=True)
 class RewardWeights:
-    """How a game's dense and sparse parts make one training reward (docs/methods.md §1).
+    """Weights that combine a game's dense and sparse rewards into the training reward (docs/methods.md §1).
 
     ``r = c * dense_weight * dense + (1 - c) * sparse_weight * sparse`` where ``c`` falls linearly
     from ``1`` to ``0`` over the first ``anneal_fraction`` of training (``0``: sparse from the start).
@@ -76,29 +76,29 @@ class ObserverSpec:
 
 
 RunPluginSpec = MethodSpec | ObserverSpec
-"""What is built anew for every run and may have a section of ``options``."""
+"""Spec of an object that is built for every run and may have a section of ``options``."""
 
 
 def titled(spec: RunPluginSpec) -> str:
-    """What messages call it, e.g. ``method 'apil'``."""
+    """Name in messages, e.g. ``method 'apil'``."""
     return f"{'method' if isinstance(spec, MethodSpec) else 'observer'} {spec.name!r}"
 
 
 def wanted_of(spec: RunPluginSpec) -> str:
-    """What its factory must give, for messages."""
+    """Required return type of the factory, for messages."""
     return "a Method" if isinstance(spec, MethodSpec) else "an Observer"
 
 
 @dataclass(frozen=True)
 class PublishedScore:
-    """What a paper reports of a matchup, as the adversary's.
+    """Published result of a matchup, from the adversary's side.
 
     Attributes:
         win, win_or_tie: per cent.
         games: number of games behind them.
-        source: where it stands.
-        adversary_actions, victim_actions: ``"sample"`` or ``"mode"`` where the source or its code tells,
-            else ``None``.
+        source: citation.
+        adversary_actions, victim_actions: ``"sample"`` or ``"mode"`` where the source or its code states
+            it, else ``None``.
     """
 
     win: float
@@ -111,7 +111,7 @@ class PublishedScore:
 
 @dataclass(frozen=True)
 class Matchup:
-    """Two named policies whose games tell how close a game is to its original (``apil fidelity``).
+    """Two named policies whose games measure how close a game is to its original (``apil fidelity``).
 
     Attributes:
         adversary, victim: policy names.
@@ -145,7 +145,7 @@ class GameSpec:
         family: ``name`` is a scheme: every ``<name>:<target>`` is a game, with this spec and that target.
         target: handed to the factory as ``target=`` if not empty: which of a family this game is.
         matchups: what ``apil fidelity`` plays.
-        interchangeable_sides: both sides see and do the same, so that one agent can sit on either.
+        interchangeable_sides: both sides have the same observations and actions; an agent can play either.
     """
 
     name: str
@@ -165,7 +165,7 @@ class GameSpec:
 
     @property
     def label(self) -> str:
-        """How the game is listed: a family with an ellipsis, as its name alone is no game."""
+        """Name in listings: a family's with an ellipsis, as its name alone is no game."""
         return f"{self.name}:…" if self.family else self.name
 
 
@@ -183,7 +183,7 @@ class PolicySpec:
             or ``None`` where that is not known; for formats that do not state their own sizes.
         plugins: the loader also gets ``plugins=`` (a registry) and ``device=`` and puts the policy there;
             for policies that are made of methods.
-        runs_code: loading runs code of the user's: refused unless trusted.
+        runs_code: loading runs user code: refused unless trusted.
         file: the part after the colon names a file or directory.
     """
 
@@ -244,7 +244,7 @@ def load(reference: str, whose: str = "") -> Any:
 
     Args:
         reference: what to load.
-        whose: said first in the error, e.g. ``"method 'apil'"``.
+        whose: start of the error message, e.g. ``"method 'apil'"``.
 
     Raises:
         PluginError: the module does not import or has no such attribute.
@@ -261,7 +261,7 @@ def load(reference: str, whose: str = "") -> Any:
 
 
 def _graphics_hint(error: BaseException) -> str:
-    """MuJoCo loads the OpenGL it is told to when it is imported, and says little where there is none."""
+    """Hint on an import error of MuJoCo, which loads ``MUJOCO_GL``'s OpenGL on import; ``""`` for others."""
     asked = os.environ.get("MUJOCO_GL")
     frames = traceback.extract_tb(error.__traceback__)
     if not asked or not any("mujoco" in frame.filename for frame in frames):
@@ -274,7 +274,7 @@ def options_model(reference: str, whose: str = "") -> type[BaseModel]:
 
     Args:
         reference: as the spec has it.
-        whose: said first in an error, e.g. ``"method 'apil'"``.
+        whose: start of the error message, e.g. ``"method 'apil'"``.
 
     Raises:
         PluginError: it cannot be loaded or is no pydantic model.

@@ -62,14 +62,14 @@ class DiagonalGaussian:
 
 @dataclass
 class Context:
-    """For whom an observation is made, without any reference to a run.
+    """The side an observation is made for, without any reference to a run.
 
     Attributes:
         side: index of the side that will see the observation.
-        role: what that side is.
-        seat: sizes of what that side sees and does, and which channels tell about its opponent.
+        role: adversary or victim.
+        seat: that side's observation and action sizes, and the channels that depend on its opponent.
         mode: ``train`` or ``eval``; stochastic helpers may differ (see docs/methods.md §3, row ã).
-        device: where the tensors live.
+        device: of the tensors.
         generator: the only source of randomness a hook may use.
     """
 
@@ -83,7 +83,7 @@ class Context:
 
 @dataclass
 class View:
-    """What a policy may look at when it acts.
+    """Inputs of a policy for one action.
 
     Attributes:
         own: own observation, shape (n, o).
@@ -101,7 +101,7 @@ class View:
 
 @dataclass
 class Decision:
-    """What a policy chose.
+    """Output of a policy.
 
     Attributes:
         action: shape (n, a), not clipped.
@@ -127,7 +127,7 @@ class StepBatch:
         normalized_reward, normalized_victim_reward: each divided by the running standard
             deviation of its own discounted return, clipped to ±10, shape (n,).
         sparse, dense: per role, shape (2, n): row 0 adversary, row 1 victim.
-        first: shape (n,), bool: s_t opened a game.
+        first: shape (n,), bool: s_t is a game's first.
         done: shape (n,), bool: the game ended with this step.
         outcome: shape (n,), int8: +1 adversary won, −1 victim won, 0 tie; only where ``done``.
         cause: shape (n,), int8: index into ``GameLayout.causes``; only where ``done``.

@@ -1,1 +1,1 @@
-"""Ground that everything stands on: errors, files, seeds, statistics, documents."""
+"""Helpers without dependencies on other layers: errors, files, seeds, statistics, documents."""

@@ -1,4 +1,4 @@
-"""How charts look: style, pens and intervals. matplotlib is imported where something is drawn."""
+"""Chart style: rcParams, line styles and intervals. matplotlib is imported only when something is drawn."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ STYLE: dict[str, Any] = {
 
 
 FORMATS = (".png", ".svg", ".pdf")
-"""What pictures of curves can be written as."""
+"""File formats of plotted curves."""
 
 
 def check_picture(path: Path) -> None:
-    """Whether a picture of curves can be drawn and written under that name.
+    """Check that curves can be drawn and written to a file of that name.
 
     Raises:
         ApilError: it cannot, or matplotlib is missing.
@@ -73,7 +73,7 @@ def write_picture(path: Path, make: Callable[[], Figure], **style: Any) -> None:
 
 @dataclass(frozen=True)
 class Pen:
-    """How a group of runs, a method or an opponent is drawn: colour as matplotlib reads it, dash and mark."""
+    """Line style of a group of runs, a method or an opponent: matplotlib colour, dash and marker."""
 
     colour: str
     dashes: str = "-"
@@ -81,11 +81,11 @@ class Pen:
 
 
 NORMAL = Pen(GREY, ":", "o")
-"""Of normal play and whatever else no method made."""
+"""Line style of normal play and other results that no method produced."""
 
 
 def pens(count: int, palette: Sequence[str] | None = None) -> list[Pen]:
-    """So many pens that can be told apart; default: in :data:`.colours.LINES`."""
+    """That many distinguishable line styles; default: in the colours of :data:`.colours.LINES`."""
     shades = palette or [web(colour) for colour in colours.LINES]
     return [
         Pen(shades[i % len(shades)], DASHES[i // len(shades) % len(DASHES)], MARKERS[i % len(MARKERS)])

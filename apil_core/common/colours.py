@@ -1,4 +1,4 @@
-"""Who is who in pictures: colours go by role, whichever the seat."""
+"""Colours of adversary and victim in pictures, by role, not by seat."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LINES: tuple[Colour, ...] = (
     (86, 180, 233),
     (0, 0, 0),
 )
-"""Of lines that must be told apart: Okabe and Ito's, which colour-blind people can."""
+"""Line colours: Okabe and Ito's palette, distinguishable with colour blindness."""
 
 
 def by_side(adversary_side: int) -> tuple[Colour, Colour]:

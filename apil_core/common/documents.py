@@ -22,7 +22,7 @@ def plain(model: BaseModel) -> dict[str, Any]:
 
 
 class JsonDocument(BaseModel):
-    """What one command found, with everything it depends on.
+    """Result of one command, with everything it depends on.
 
     Attributes:
         maker: the command.
@@ -47,7 +47,7 @@ class JsonDocument(BaseModel):
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """What :meth:`write` wrote.
+        """Read a document written by :meth:`write`.
 
         Raises:
             ConfigError: it is not there, or something else.

@@ -1,4 +1,4 @@
-"""Errors a user can cause or mend. The command line prints them as one line, without a traceback."""
+"""Errors a user can cause or fix. The command line prints them as one line, without a traceback."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 
 class ApilError(Exception):
-    """A user's mistake or a missing thing: says what, where, and what would be right."""
+    """A user's mistake or a missing file or package; the message states what, where, and the remedy."""
 
     exit_code = 2
 
@@ -36,7 +36,7 @@ class RunDirError(ApilError):
 
 
 FAILURES = (Exception, SystemExit)
-"""What other people's code raises when it fails: ``sys.exit(0)`` in it is no success of ours."""
+"""Exceptions of failing third-party code: ``sys.exit(0)`` in it must not end this process with success."""
 
 
 _REASON = 300

@@ -20,10 +20,10 @@ _EXTRAS = {
 
 
 def need(*modules: str) -> ModuleType:
-    """Import libraries that extras bring; returns the last.
+    """Import libraries of optional extras; returns the last.
 
     Raises:
-        ApilError: one is not installed; says which extra brings it.
+        ApilError: one is not installed; names the extra that installs it.
     """
     try:
         return [importlib.import_module(module) for module in modules][-1]
@@ -32,7 +32,7 @@ def need(*modules: str) -> ModuleType:
 
 
 def missing(module: str | None) -> ApilError | None:
-    """Which extra brings a module that is not installed; ``None`` if none does."""
+    """Extra that installs a missing module, or ``None``."""
     module = (module or "").partition(".")[0]
     if module not in _EXTRAS:
         return None

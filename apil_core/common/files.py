@@ -18,7 +18,7 @@ LOCK = ".lock"
 
 
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
-    """Call ``write(file)`` on a temporary neighbour, fsync it, and rename it to ``path``.
+    """Call ``write(file)`` on a temporary file beside ``path``, fsync it, and rename it to ``path``.
 
     Raises:
         RunDirError: the directory cannot be written (full, read-only, gone).
@@ -43,7 +43,7 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
 
 
 def read_json(path: Path, kind: type = dict) -> Any:
-    """What a JSON file holds, or ``None`` if there is no such file.
+    """Contents of a JSON file, or ``None`` if there is no such file.
 
     Args:
         path: the file.
@@ -64,7 +64,7 @@ def read_json(path: Path, kind: type = dict) -> Any:
 
 
 def why_unwritable(directory: Path) -> str | None:
-    """Why no file can be made there, or ``None`` if one can; tried, since permissions do not bind root."""
+    """Reason why no file can be created there, or ``None``; tried, since permissions do not bind root."""
     try:
         with TemporaryFile(dir=directory):
             return None
@@ -73,7 +73,7 @@ def why_unwritable(directory: Path) -> str | None:
 
 
 def check_place(path: Path) -> None:
-    """Whether a file can be written there: hours later would be too late.
+    """Check that a file can be written there, before hours of work depend on it.
 
     Raises:
         ConfigError: it cannot.
@@ -103,7 +103,7 @@ def sha256(path: Path) -> str:
 
 
 def is_taken(directory: Path) -> bool:
-    """Whether anything is there but an empty directory; the lock of one that is being made does not count."""
+    """True if the path exists and is no empty directory; a lock file in the directory does not count."""
     if not directory.is_dir():
         return directory.exists()
     return any(entry.name != LOCK for entry in directory.iterdir())

@@ -1,4 +1,4 @@
-"""What the process has of the machine: memory and CPUs."""
+"""Memory and CPUs of the process."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ def wilson_interval(counts: np.ndarray | int, games: np.ndarray | int) -> tuple[
     share, weight = counts / games, 1 + _Z**2 / games
     centre = (share + _Z**2 / (2 * games)) / weight
     distance = _Z * np.sqrt(share * (1 - share) / games + _Z**2 / (4 * games**2)) / weight
-    # rounding leaves 4e-18 where the interval starts at nought
+    # rounding leaves 4e-18 where the interval starts at 0
     low, high = np.where(counts == 0, 0.0, centre - distance), centre + distance
     return low, np.where(counts == games, 1.0, high)
 

@@ -1,4 +1,4 @@
-"""Whether a tensor is free of NaN and infinities, in one pass: it is asked several times a step."""
+"""Check of a tensor for NaN and infinities, in one pass: it runs several times a step."""
 
 from __future__ import annotations
 
@@ -9,6 +9,6 @@ from torch import Tensor
 
 
 def all_finite(values: Tensor) -> bool:
-    """Whether no entry is NaN or infinite."""
+    """True if no entry is NaN or infinite."""
     # a sum carries every NaN and infinity along; only one that overflows needs the entries looked at
     return math.isfinite(float(values.sum())) or bool(torch.isfinite(values).all())

@@ -32,16 +32,16 @@ def one_torch_thread() -> Iterator[None]:
 def side_by_side(
     first: Callable[[], _First], second: Callable[[], _Second], *, apart: bool | None = None
 ) -> tuple[_First, _Second]:
-    """Results of two functions that share nothing they change, on a core each or one after the other.
+    """Results of two functions without shared mutable state, run in parallel or one after the other.
 
-    torch lets go of Python's lock in its operators: two threads do keep two cores busy. Random numbers that
-    either needs are drawn beforehand, or from a generator of its own.
+    torch releases the GIL in its operators, so two threads use two cores. Random numbers that either
+    needs are drawn beforehand, or from a generator of its own.
 
     Args:
         first: run in a thread of its own if ``apart``; if both fail, its error is raised, as in turn.
         second: run here.
-        apart: at once; ``None``: if this is itself run in a thread of its own, as what a plugin hands back is
-            where the run has cores to spare.
+        apart: in parallel; ``None``: if the caller itself runs in a thread of its own, as a function
+            returned by a plugin does where the run has spare cores.
     """
     if not (_spare.cores if apart is None else apart):
         return first(), second()
@@ -55,7 +55,7 @@ def side_by_side(
 
 
 class _Spare(threading.local):
-    """Whether this thread may start another one."""
+    """True if this thread may start another one."""
 
     cores = False
 

@@ -1,8 +1,8 @@
-"""Which code of the user's may run: what files name is refused until the user names it or has run it there.
+"""Trust in user code: code that a file names is refused until the user names it or has run it there.
 
-``python:`` and ``pettingzoo:`` names and one-file plugins are code. A name that a config, a matrix or a run
-directory brought along (:func:`named_in`) is refused by :func:`check`, unless it stands on the command line,
-that has ``--trust``, or the user's record says that it ran from that very directory before.
+``python:`` and ``pettingzoo:`` names and one-file plugins are code. A name from a config, a matrix or a run
+directory (:func:`named_in`) is refused by :func:`check`, unless it is on the command line, the command line
+has ``--trust``, or the user's record says that it ran from the same directory before.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from apil_core.common.visible import visible
 FLAG = "--trust"
 _RECORD = "code-that-ran.jsonl"
 _trusted: set[str] = set()
-"""Words of the command line, and names given to :func:`trust`; :data:`FLAG` stands for all."""
+"""Arguments of the command line, and names given to :func:`trust`; :data:`FLAG` trusts all."""
 _named: dict[str, set[Path]] = defaultdict(set)
-"""Name → files it stands in."""
+"""Name → files that contain it."""
 _ran: set[str] = set()
 """Names of all code loaded so far."""
 
 
 def begin(arguments: Sequence[str]) -> list[str]:
-    """Forget what came before and trust what the command line names; it is returned without ``--trust``."""
+    """Reset the state and trust what the command line names; returns the command line without ``--trust``."""
     for known in (_trusted, _named, _ran):
         known.clear()
     trust(*(word for text in arguments for word in (text, *re.split(r"[=,\[\]'\" ]+", text))))
@@ -50,22 +50,22 @@ def trust(*names: str) -> None:
 
 
 def named_in(file: Path, data: Any) -> None:
-    """Note all names in what was read from ``file``; a ``trust: true`` beside them vouches for nothing."""
+    """Record all names in the contents of ``file``; a ``trust: true`` beside them has no effect."""
     for text in _texts(data):
         if ":" in text or "/" in text:
             _named[text].add(file)
 
 
 def check(name: str, trusted: bool = True, error: type[ApilError] = ConfigError) -> None:
-    """Whether code of that name may be loaded; says once on stderr what is loaded and who named it.
+    """Check that code of that name may be loaded; prints once on stderr what is loaded and who named it.
 
     Args:
         name: a policy's, a game's, or the absolute path of a one-file plugin.
-        trusted: by the Python code that asks for it; counts for nothing if a file names it.
+        trusted: by the calling Python code; ignored if a file names it.
         error: what to raise.
 
     Raises:
-        ApilError: nobody vouches for it.
+        ApilError: it is not trusted.
     """
     files = sorted(map(str, _named[name])) if name in _named else []
     where = files[0] if files else "nobody"
@@ -89,7 +89,7 @@ def remember(directory: Path) -> None:
     lines = [(str(directory.resolve()), name) for name in _ran]
     new = [json.dumps(line) + "\n" for line in lines if line not in _record()] if lines else []
     if new:
-        with suppress(OSError):  # no home to write to: --trust is asked for again
+        with suppress(OSError):  # the home directory is not writable: --trust is needed again next time
             _path().parent.mkdir(parents=True, exist_ok=True)
             with _path().open("a", encoding="utf-8") as file:
                 file.write("".join(new))

@@ -22,15 +22,15 @@ Model = TypeVar("Model", bound=BaseModel)
 def with_absent(
     data: Mapping[str, Any], plugins: PluginRegistry, model: type[BaseModel] = RunConfig
 ) -> dict[str, Any]:
-    """Stored settings, complete: the core's, methods' and observers', and the game's; nothing is checked.
+    """Stored settings, completed: the core's, methods' and observers', and the game's; unchecked.
 
     Args:
         data: as JSON or YAML has them.
-        plugins: know the models of options. Options of what is not among them stay as they are.
+        plugins: registry with the models of options. Options of unregistered plugins stay as they are.
         model: of the settings: a run's, or others that name a game.
 
     Returns:
-        the settings as JSON has them.
+        the settings as JSON values.
     """
     complete = filled(data, model)
     options = complete.get("options")
@@ -38,14 +38,14 @@ def with_absent(
         complete["options"] = opened = dict(options)
         for spec in _parts(complete, plugins):
             _fill(opened, spec.name, spec.config)
-    with suppress(ApilError):  # a game that is not installed: whoever plays it says so
+    with suppress(ApilError):  # a game that is not installed is reported when it is played
         _fill(complete, "game", plugins.game(str(complete.get("env", ""))).config)
     jsonable: dict[str, Any] = to_jsonable_python(complete, fallback=repr)
     return jsonable
 
 
 def read_stored(data: Mapping[str, Any], plugins: PluginRegistry, model: type[Model]) -> Model:
-    """Checked settings from :func:`with_absent`; errors are about what ``data`` says itself.
+    """Checked settings from :func:`with_absent`; errors concern only values in ``data`` itself.
 
     Raises:
         ValidationError: pydantic's, if a value is wrong.
@@ -75,7 +75,7 @@ def filled(data: Mapping[str, Any], model: type[BaseModel]) -> dict[str, Any]:
 
 
 def _parts(data: Mapping[str, Any], plugins: PluginRegistry) -> tuple[RunPluginSpec, ...]:
-    with suppress(ApilError):  # a method that is not installed: whoever builds it says so
+    with suppress(ApilError):  # a method that is not installed is reported when it is built
         return plugins.run_plugins(str(data.get("method", "")), texts_in(data.get("observers")))
     return ()
 

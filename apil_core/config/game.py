@@ -1,7 +1,7 @@
-"""The section ``game`` of a configuration: its model, and what naming a physics profile does to it.
+"""The section ``game`` of a configuration: its model, and the effect of naming a physics profile.
 
-A profile hides the single values (``solver``, ``timestep``, …) stated on lower layers: whoever names one
-wants those physics, whatever a file or a run said before. Values on the profile's own layer or above it
+A profile hides the single values (``solver``, ``timestep``, …) set on lower layers: naming a profile asks
+for its physics, overriding any file or stored run. Values on the same layer as the profile or above it
 stay; flags and ``--set`` count as one layer.
 """
 
@@ -78,16 +78,16 @@ def with_game_options(
     sets: Sequence[str] = (),
     physics: str | None = None,
 ) -> RunConfig:
-    """A copy of ``config`` with single options of its game changed, and all of them spelt out.
+    """A copy of ``config`` with single options of its game changed, and all of them explicit.
 
-    Nothing but the section ``game`` is looked at: the rest of a stored config stays as it was.
+    Only the section ``game`` is read: the rest of a stored config stays unchanged.
 
     Args:
         config: names the game.
-        plugins: know the game's model.
+        plugins: registry with the game's model.
         options: values by option.
-        sets: ``game.KEY=VALUE`` texts; they have the last word.
-        physics: profile to play in, whatever single values ``config`` states; as ``--physics``.
+        sets: ``game.KEY=VALUE`` texts; they take precedence.
+        physics: profile to play in, overriding single values in ``config``; as ``--physics``.
 
     Raises:
         ConfigError: one line per mistake.
@@ -109,9 +109,9 @@ def with_game_options(
 
 
 def spelt_out(env: str, options: Mapping[str, Any], plugins: PluginRegistry) -> dict[str, Any]:
-    """What a game's options come to: defaults and the profile's values filled in.
+    """A game's options with defaults and the profile's values filled in.
 
-    Two sets of options that mean the same, one stored before there were profiles, say, give the same.
+    Equivalent sets of options give equal results, e.g. one stored before profiles existed.
 
     Raises:
         ApilError: no such game, or options its model refuses.
@@ -122,7 +122,7 @@ def spelt_out(env: str, options: Mapping[str, Any], plugins: PluginRegistry) -> 
 
 
 def stored_game(config: RunConfig) -> dict[str, Any]:
-    """:func:`spelt_out` for a stored run; as it was stored where only a one-file plugin knows its game."""
+    """:func:`spelt_out` for a stored run; unchanged where only a one-file plugin registers its game."""
     try:
         return spelt_out(config.env, config.game, default_plugins())
     except ApilError:

@@ -1,4 +1,4 @@
-"""What tells a retraining's directory from a run's."""
+"""Distinction between directories of retrainings and of runs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MARK = re.compile(rf"^kind: {KIND}$", re.MULTILINE)
 
 
 def is_retraining(path: Path) -> bool:
-    """Whether a retraining lives in that directory: one look at its ``config.yaml``."""
+    """True if that directory is a retraining's, by its ``config.yaml``."""
     try:
         return _MARK.search((path / "config.yaml").read_text("utf-8")) is not None
     except (OSError, UnicodeDecodeError):

@@ -1,6 +1,6 @@
-"""Where config values come from: files, presets, ``--set`` and flags, each remembering its origin.
+"""Sources of config values: files, presets, ``--set`` and flags, each with the origins of its values.
 
-A layer is plain nested data plus, for every key in it, the text that error messages start with
+A layer is plain nested data plus, for every key in it, the start of its error messages
 (``paper.yaml:3``, ``--set ppo.epochs=0``, ``preset paper``).
 """
 
@@ -28,16 +28,16 @@ from apil_core.common.trust import named_in
 Key = tuple[str | int, ...]
 
 CONFIG, ENVIRONMENT = "config.yaml", "environment.json"
-"""What every run directory holds: its settings, and where and with what they were used."""
+"""Files of every run directory: its settings, and the environment they were used in."""
 
 _CHARACTERS, _NODES, _DEPTH = 200_000, 20_000, 50
-"""How large a YAML text may be: more than any settings, less than is slow to read."""
+"""Limits of a YAML text: more than any settings need, less than is slow to read."""
 
 _SHOWN = 200
 """Characters of a ``--set`` that messages show."""
 _PATH_KEYS = ("init_from", "plugins")
 POLICY_NAME = re.compile(r"[a-z][a-z0-9_-]+:")
-"""How names of policies begin: with a scheme."""
+"""Start of a policy name: its scheme."""
 
 
 @dataclass
@@ -47,9 +47,9 @@ class Layer:
     Attributes:
         data: nested mappings, lists and scalars.
         origins: key path → where it was written.
-        preset: a preset's options for methods that are not in use are dropped, others' are errors.
-        command_line: it is a flag or a ``--set``.
-        stored: a run's own config: a key it lacks is younger, and means what its absence meant.
+        preset: True for presets: their options for unused methods are dropped, other layers' are errors.
+        command_line: True for flags and ``--set``.
+        stored: True for a run's config: a missing key was added later and gets the meaning of its absence.
     """
 
     data: dict[str, Any]
@@ -124,7 +124,7 @@ def file_layer(path: Path, *, quick: bool = False) -> Layer:
 
 
 def write_copy(path: Path, text: str) -> None:
-    """Keep the values of the YAML ``text`` in ``path`` beside it as JSON, which listings read much faster."""
+    """Cache the values of ``path``'s YAML ``text`` beside it as JSON, which listings read much faster."""
     data, _ = parse_yaml(text, str(path))
     copy = json.dumps({"sha256": hashlib.sha256(text.encode()).hexdigest(), "data": data}, default=str)
     if json.loads(copy)["data"] == data:
@@ -219,14 +219,14 @@ def _read(text: str, origin: str, *, lines: bool = True) -> tuple[Any, Node | No
         return None if root is None else yaml.constructor.construct_document(root), root
     except RecursionError as error:
         raise ConfigError(f"{origin}: nested too deeply") from error
-    except (YAMLError, ValueError, TypeError, AttributeError) as error:  # ValueError: an impossible date, say
+    except (YAMLError, ValueError, TypeError, AttributeError) as error:  # ValueError: e.g. an impossible date
         mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
         line = f":{mark.line + 1}" if mark and lines else ""
         raise ConfigError(f"{origin}{line}: {_reason(error)}") from error
 
 
 def _check_size(root: Node | None) -> None:
-    """Count nodes, those behind aliases each time: few of them can stand for more than fits in memory."""
+    """Count nodes, aliased ones each time: a few aliases can expand to more than fits in memory."""
     stack, count = [(root, 0)], 0
     while stack:
         node, depth = stack.pop()
@@ -264,7 +264,7 @@ def _overlay(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]
 
 
 def _covered(key: Key, layer: Layer) -> bool:
-    """Whether ``layer`` has the last word on ``key``: sets it, something below it, or replaces it."""
+    """True if ``layer`` determines ``key``: sets it, sets something below it, or replaces it."""
     for other in layer.origins:
         if other[: len(key)] == key:
             return True

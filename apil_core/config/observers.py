@@ -1,4 +1,4 @@
-"""Observers switched on where a policy is scored: defences, say, that its training did not know of."""
+"""Observers switched on for scoring a policy, e.g. defences that were absent in its training."""
 
 from __future__ import annotations
 
@@ -77,6 +77,6 @@ def about(observers: Observers, sets: Sequence[str]) -> tuple[list[str], list[st
 
 
 def _owner(assignment: str) -> str:
-    """Whose option a ``options.NAME…=VALUE`` is, or nothing."""
+    """The NAME of an ``options.NAME…=VALUE``, or nothing."""
     section, _, rest = assignment.partition("=")[0].strip().partition(".")
     return rest.partition(".")[0] if section == "options" else ""

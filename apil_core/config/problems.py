@@ -1,4 +1,4 @@
-"""What is wrong with a config, one line per mistake: ``origin: key: what is wrong (did you mean …)``."""
+"""Error messages for a config, one line per mistake: ``origin: key: what is wrong (did you mean …)``."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def raise_problems(problems: Sequence[Problem], origins: Mapping[Key, str]) -> N
 
 
 def problems_of(error: ValidationError, model: type[BaseModel]) -> list[Problem]:
-    """pydantic's complaints in our words."""
+    """pydantic's errors, reworded."""
     found = error.errors()
     parts = {tuple(item["loc"][:-1]) for item in found}
-    # of a tuple whose parts are wrong it says that it is too short as well
+    # pydantic also reports a tuple with wrong parts as too short
     told = [item for item in found if item["type"] != "too_short" or tuple(item["loc"]) not in parts]
     return [Problem(tuple(item["loc"]), _reason(dict(item), model)) for item in told]
 
@@ -54,8 +54,8 @@ def _line(problem: Problem, origins: Mapping[Key, str]) -> str:
 
 
 def _written(problem: Problem, origins: Mapping[Key, str]) -> Key | None:
-    """The key in ``origins`` to point at: the problem's own, one below it, one above it, or, for a
-    rule over several keys, the last written of those the reason names."""
+    """The key in ``origins`` that a message names: the problem's own, one below it, one above it, or, for
+    a rule over several keys, the last set of the keys in the reason."""
     if problem.key in origins:
         return problem.key
     for key in reversed(list(origins)):

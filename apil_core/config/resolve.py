@@ -40,7 +40,7 @@ from apil_core.plugins.default_victim import default_victim
 from apil_core.plugins.discovery import PluginRegistry
 
 _IDENTITY = ("version", "method", "env", "victim", "steps", "num_envs", "seed", "reward", "ppo", "options")
-"""What every stored config has; a default in its place would silently be another run."""
+"""Keys of every stored config; a default in their place would silently be another run."""
 
 
 def gather(
@@ -211,7 +211,7 @@ def _unknown_names(data: Mapping[str, Any], plugins: PluginRegistry) -> list[Pro
         elif isinstance(value, (list, tuple)):
             for i, name in enumerate(value):
                 if not isinstance(name, str):
-                    continue  # the model says so
+                    continue  # reported by the model
                 if key == "observers" and name in plugins.modules and name not in known:
                     reason = f"plugin {name!r} fills no run hook: there is nothing to switch on"
                     problems.append(Problem((key, i), reason))
@@ -226,7 +226,7 @@ def _unknown_names(data: Mapping[str, Any], plugins: PluginRegistry) -> list[Pro
 
 
 def _open_sections(data: dict[str, Any], configurable: Sequence[str]) -> None:
-    """Give everyone with options a section, so that its defaults are filled in."""
+    """Add an options section for every plugin with options, so that its defaults are filled in."""
     options = data["options"]
     if isinstance(options, Mapping):
         given = {name: {} if section is None else section for name, section in options.items()}
@@ -260,7 +260,7 @@ def _foreign_options(
 
 
 def _without_keys(data: Mapping[str, Any], problems: Sequence[Problem]) -> dict[str, Any]:
-    """``data`` without the options already found wrong, lest they be reported twice."""
+    """``data`` without the options already found wrong, so that none is reported twice."""
     kept = dict(data)
     for section in ("options", "game"):
         wrong = {problem.key[1] for problem in problems if problem.key[0] == section}
@@ -270,7 +270,7 @@ def _without_keys(data: Mapping[str, Any], problems: Sequence[Problem]) -> dict[
 
 
 def _complete(config: RunConfig, game: GameSpec, plugins: PluginRegistry) -> RunConfig:
-    """Plain ``RunConfig`` in which "the game's own" is spelt out."""
+    """Plain ``RunConfig`` with the game's defaults explicit."""
     data = plain(config)
     own = game.rewards
     rewards = {

@@ -42,7 +42,7 @@ def json_schema(plugins: PluginRegistry, method: str | None = None) -> dict[str,
     methods = plugins.method_chain(method) if method else plugins.methods.values()
     model = full_model(plugins, [*methods, *plugins.observers.values()])
     schema = model.model_json_schema()
-    schema.pop("required", None)  # a file may leave out whatever has a default
+    schema.pop("required", None)  # a file may omit keys with a default
     for section in schema.get("$defs", {}).values():
         if section.get("title") == "MethodOptions":
             section.pop("required", None)

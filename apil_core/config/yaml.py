@@ -1,4 +1,4 @@
-"""A config as commented YAML: what ``apil config show`` prints and every run directory keeps."""
+"""A config as commented YAML, printed by ``apil config show`` and stored in every run directory."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from apil_core.plugins.discovery import PluginRegistry
 
 
 def dump_yaml(config: RunConfig, plugins: PluginRegistry | None = None) -> str:
-    """YAML with every key, each under a comment that says what it is.
+    """YAML with every key, each below a comment that describes it.
 
     Args:
         config: to be written; :func:`apil_core.config.resolve.load_resolved` reads it back equal.

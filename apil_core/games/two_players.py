@@ -75,7 +75,7 @@ class TwoPlayerGames:
         return View(self.observation(side), self.observation(1 - side), self.first, opponent_action)
 
     def step(self, actions: Mapping[int, Tensor], active: Array | None = None) -> GameStep:
-        """Advance all games by one step; ended ones stand still until :meth:`reset`.
+        """Advance all games by one step; ended ones do not change until :meth:`reset`.
 
         Args:
             actions: by side, each (n, a), not clipped.

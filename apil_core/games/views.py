@@ -120,7 +120,7 @@ class ParallelGameEnv(ParallelEnv[str, Array, Array]):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Array], dict[str, dict[str, Any]]]:
-        """Start a new game; without a seed the random generator goes on (at first: from entropy)."""
+        """Start a new game; without a seed the random generator continues (initially seeded from entropy)."""
         if seed is not None or not self._seeded:
             self._game.seed(secrets.randbits(32) if seed is None else seed)
             self._seeded = True
@@ -153,7 +153,7 @@ class ParallelGameEnv(ParallelEnv[str, Array, Array]):
         return self._observations(), rewards, terminations, truncations, infos
 
     def render(self) -> Array | None:
-        """The game as it stands, (360, 640, 3) uint8, side 0 blue and side 1 red; see ``render_mode``."""
+        """Picture of the state, (360, 640, 3) uint8, side 0 blue, side 1 red; see ``render_mode``."""
         return _picture(self._game, 1, self.render_mode)
 
     def close(self) -> None:
@@ -260,7 +260,7 @@ class OpponentInsideEnv(gymnasium.Env[Array, Any]):
         return self._observation(), reward, bool(step.done[0]), False, info
 
     def render(self) -> Array | None:
-        """The game as it stands, (360, 640, 3) uint8, opponent blue and caller red; see ``render_mode``."""
+        """Picture of the state, (360, 640, 3) uint8, opponent blue, caller red; see ``render_mode``."""
         return _picture(self._game, self._side, self.render_mode)
 
     def close(self) -> None:

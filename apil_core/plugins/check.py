@@ -23,13 +23,13 @@ from apil_core.plugins.validation import register, remarks
 
 @dataclass(frozen=True)
 class PluginReport:
-    """What was found of one plugin.
+    """Result of checking one plugin.
 
     Attributes:
         name, version, origin: as :class:`apil_core.plugins.discovery.PluginRecord` has them.
-        hook_api: version it says it was built for, or ``None``.
-        broken: why it, or something it offers, cannot be used; empty if all works.
-        remarks: what is odd but works.
+        hook_api: version it states it was built for, or ``None``.
+        broken: reasons why it, or something it registers, cannot be used; empty if all works.
+        remarks: oddities that are no errors.
     """
 
     name: str
@@ -102,7 +102,7 @@ def _run_hooks(spec: RunPluginSpec, kind: type[RunPlugin], chain: Sequence[Metho
     made = uninitialised(spec, kind)
     try:
         notes = None if made is None else RunHookManager(chain, {spec.name: made}).notes()
-    except AttributeError:  # a torch module, say, which cannot be looked at before it is initialised
+    except AttributeError:  # e.g. a torch module, whose attributes cannot be read before it is initialised
         notes = None
     if notes is None:
         return [f"{who}: {spec.factory} cannot be made without a run: its run hooks show in one only"]
@@ -127,13 +127,13 @@ def uninitialised(spec: RunPluginSpec, kind: type[RunPlugin]) -> RunPlugin | Non
         raise PluginError(f"plugin {spec.name!r}: {spec.factory} must be {wanted}, got {factory.__name__}")
     try:
         made: RunPlugin = factory.__new__(factory)
-    except TypeError:  # it wants arguments
+    except TypeError:  # it requires arguments
         return None
     return made
 
 
 def _lazily_named(registry: PluginRegistry, record: PluginRecord) -> Iterator[tuple[str, str | None]]:
-    """What the other specs name as strings: (whose and what, reference)."""
+    """References in the other specs: (owner and field, ``"module:attribute"``)."""
     for name in record.games:
         yield f"game {name!r}: factory", registry.games[name].factory
         yield f"game {name!r}: config", registry.games[name].config

@@ -1,4 +1,4 @@
-"""Who plays where nobody is named: the game's own agents if their weights are here, else those shipped."""
+"""Default players of a game: its own agents if their weights are on this machine, else the shipped ones."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ BASELINES = ("random", "zero")
 
 
 def default_victim(spec: GameSpec, plugins: PluginRegistry) -> str:
-    """Name of the victim a game has unless told otherwise, or ``""``.
+    """Name of a game's default victim, or ``""``.
 
-    The fallback is taken only where the default is known to be absent: damaged weights are an error
-    where they are loaded, and never a reason to attack somebody else.
+    The fallback is used only where the default is known to be absent: damaged weights are an error
+    when they are loaded, and never a reason to attack another victim.
     """
     if not spec.fallback_victim or is_here(spec.default_victim, plugins):
         return spec.default_victim
@@ -25,7 +25,7 @@ def default_victim(spec: GameSpec, plugins: PluginRegistry) -> str:
 
 
 def is_here(name: str, plugins: PluginRegistry) -> bool:
-    """Whether the policy's weights are on this machine; true for one that no list tells of."""
+    """True if the policy's weights are on this machine, or if no lister lists the policy."""
     scheme = name.partition(":")[0]
     spec = plugins.policies.get(scheme)
     if spec is None or spec.lister is None:
@@ -34,7 +34,7 @@ def is_here(name: str, plugins: PluginRegistry) -> bool:
 
 
 def why_absent(name: str, plugins: PluginRegistry) -> str:
-    """Why there is no such policy, or ``""``; no code of the user's is run, and no weights are checked."""
+    """Reason why there is no such policy, or ``""``; runs no user code and checks no weights."""
     scheme, colon, rest = name.partition(":")
     if not colon:
         known = name in (*BASELINES, "auto") or Path(name).is_dir()
@@ -46,7 +46,7 @@ def why_absent(name: str, plugins: PluginRegistry) -> str:
         return f"{name}: {rest}: no such file"
     if spec.lister and name not in {row.name for row in listings(spec) if row.available}:
         try:
-            load_policy(name, plugins=plugins)  # says what is wrong, and how to get it
+            load_policy(name, plugins=plugins)  # the error states what is wrong and how to get the weights
         except ApilError as error:
             return str(error)
     return ""
@@ -55,7 +55,7 @@ def why_absent(name: str, plugins: PluginRegistry) -> str:
 def default_baseline(spec: GameSpec, plugins: PluginRegistry) -> str:
     """Name of the agent an adversary is compared with, or ``""`` where the game has none on this machine.
 
-    The game's own; else the one its matchups let stand in for it; else the shipped student of either.
+    The game's baseline; else its substitute in the game's matchups; else the shipped student of either.
     """
     own = spec.baseline_adversary
     if own is None:
@@ -70,7 +70,7 @@ def default_baseline(spec: GameSpec, plugins: PluginRegistry) -> str:
 
 
 def listings(spec: PolicySpec) -> list[PolicyListing]:
-    """The policies of a scheme; where its lister fails, one row that says why."""
+    """The policies of a scheme; if its lister fails, one row with the reason."""
     try:
         rows = list(load(spec.lister)()) if spec.lister else []
         odd = [row for row in rows if not isinstance(row, PolicyListing)]

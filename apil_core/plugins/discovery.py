@@ -1,7 +1,7 @@
-"""Finding plugins, keeping broken ones apart, and building the hook manager of one run.
+"""Plugin discovery, isolation of broken plugins, and the hook manager of one run.
 
-A *process-wide* manager finds plugins and asks what they offer; a *per-run* manager holds only the
-chosen method, what it requires, and the observers switched on.
+A *process-wide* manager finds plugins and collects their specs; a *per-run* manager holds only the
+chosen method, its requirements, and the observers switched on.
 """
 
 from __future__ import annotations
@@ -47,16 +47,16 @@ _OFFERS = {
 
 @dataclass
 class PluginRecord:
-    """What is known of one plugin, working or broken.
+    """Record of one plugin, working or broken.
 
     Attributes:
         name: unique among plugins.
         version: of its distribution, or ``""``.
         origin: entry point or file it came from.
-        hook_api: hook API version it says it was built for, or ``None``.
-        hooks: hooks it fills in the process-wide manager.
-        methods, observers, games, policies, recorders: names it offers.
-        error: why it was left out, or ``None``.
+        hook_api: hook API version it states it was built for, or ``None``.
+        hooks: hooks it implements in the process-wide manager.
+        methods, observers, games, policies, recorders: names it registers.
+        error: reason why it was left out, or ``None``.
     """
 
     name: str
@@ -85,7 +85,7 @@ class PluginRegistry:
     modules: dict[str, Any] = field(default_factory=dict)
 
     def add(self, record: PluginRecord, plugin: Any) -> None:
-        """Ask ``plugin`` what it offers and take it in, or record why not."""
+        """Register the specs of ``plugin``, or record the error."""
         try:
             record.hook_api = stated_version(plugin)
             check_version(record.name, record.hook_api)
@@ -109,7 +109,7 @@ class PluginRegistry:
         Args:
             record: of the plugin.
             error: what importing it raised.
-            source: its module's name or file: one built for another hook API often fails for want of a name.
+            source: its module's name or file: one built for another hook API often fails on a missing name.
         """
         try:
             record.hook_api = None if source is None else version_in_source(source)
@@ -119,7 +119,7 @@ class PluginRegistry:
         self._reject(record, error)
 
     def game(self, name: str) -> GameSpec:
-        """The game of that name; a name of its own goes before a family's.
+        """The game of that name; a registered full name takes precedence over a family's.
 
         Raises:
             UnknownNameError: there is none.
@@ -134,7 +134,7 @@ class PluginRegistry:
         return replace(family, name=name, family=False, target=target)
 
     def has_game(self, name: str) -> bool:
-        """Whether :meth:`game` knows that name."""
+        """True if :meth:`game` finds that name."""
         try:
             return bool(self.game(name))
         except UnknownNameError:
@@ -145,7 +145,7 @@ class PluginRegistry:
         return [spec.label for spec in self.games.values()]
 
     def observer_names(self) -> list[str]:
-        """What ``observers`` may name: registered ones, and plugins that fill run hooks themselves."""
+        """Valid names for ``observers``: registered ones, and plugins that implement run hooks themselves."""
         modules = [r.name for r in self.records if r.error is None and _fills_run_hooks(r)]
         return list(dict.fromkeys([*self.observers, *modules]))
 
@@ -214,15 +214,15 @@ class PluginRegistry:
 
 
 def _fills_run_hooks(record: PluginRecord) -> bool:
-    """Whether the plugin's module can be switched on as an observer."""
+    """True if the plugin's module can be switched on as an observer."""
     return bool(set(record.hooks) & vars(RunHooks).keys())
 
 
 def _ask(record: PluginRecord, plugin: Any) -> dict[str, dict[str, Any]]:
-    # A manager of its own per plugin: whatever pluggy objects to is that plugin's fault.
+    # One manager per plugin: an error of pluggy is then that plugin's fault.
     manager = pluggy.PluginManager(PROJECT)
     manager.add_hookspecs(ProcessHooks)
-    manager.add_hookspecs(RunHooks)  # an observer's run hooks stand in the same module
+    manager.add_hookspecs(RunHooks)  # an observer's run hooks are in the same module
     register(manager, record.name, plugin)
     for hook in unmarked(manager, plugin):
         if hook in vars(ProcessHooks):
@@ -250,7 +250,7 @@ def _ask(record: PluginRecord, plugin: Any) -> dict[str, dict[str, Any]]:
 
 
 def _check_fields(spec: Any, name: object) -> None:
-    """Whether every field has a value of its type, lest a listing stumble over one."""
+    """Check that every field has a value of its type, so that listings cannot fail on one."""
     try:
         TypeAdapter(type(spec)).validate_python(asdict(spec))
     except ValidationError as error:
@@ -267,7 +267,7 @@ def discover(files: Sequence[str | Path] = (), *, forgiving: bool = False) -> Pl
     Args:
         files: paths of one-file plugins (``--plugin FILE.py``); a missing file raises ``PluginError``,
             since the user asked for that very file.
-        forgiving: record such files like any other broken plugin instead.
+        forgiving: record missing files like any other broken plugin instead.
     """
     registry = PluginRegistry()
     entry_points = importlib.metadata.entry_points(group=ENTRY_POINT_GROUP)

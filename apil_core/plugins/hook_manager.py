@@ -29,7 +29,7 @@ class RunHookManager:
     """Holds the plugins of one run; ``hook`` is pluggy's caller namespace.
 
     All hook specifications (the core's, then each method's own) are added before anything is
-    registered, so that a method may fill hooks that another one opens whatever the order.
+    registered, so that a method may implement hooks that another one defines, in any order.
 
     Args:
         chain: the method's specs, requirements first.
@@ -39,7 +39,7 @@ class RunHookManager:
         device: where tensors that hooks return must live; ``None``: not checked.
 
     Raises:
-        PluginError: an implementation fits no hook, or takes arguments the hook does not offer.
+        PluginError: an implementation fits no hook, or takes arguments the hook does not have.
     """
 
     def __init__(self, chain: Sequence[MethodSpec], plugins: Mapping[str, Any]):
@@ -56,12 +56,12 @@ class RunHookManager:
             self._register(name, plugin)
 
     def of(self, kind: type[_Kind]) -> dict[str, _Kind]:
-        """The plugins of a class, by name: ``RunPlugin`` for all that keep a state, ``Observer`` for some."""
+        """The plugins of a class, by name: ``RunPlugin`` for all with a state, ``Observer`` for observers."""
         return {name: plugin for name, plugin in self.plugins.items() if isinstance(plugin, kind)}
 
     @property
     def hook(self) -> Any:
-        """Call ``hook.<name>(keyword=...)``; plugins registered last are asked first."""
+        """Call ``hook.<name>(keyword=...)``; plugins registered last are called first."""
         return self.manager.hook
 
     def merged(self, answers: Sequence[Mapping[str, Any] | None], hook: str) -> dict[str, Any]:
@@ -83,11 +83,11 @@ class RunHookManager:
         return merged
 
     def implements(self, hook: str) -> bool:
-        """Whether any plugin of this run implements ``hook`` (to skip work that none would see)."""
+        """True if any plugin of this run implements ``hook`` (to skip work that none would use)."""
         return bool(getattr(self.manager.hook, hook).get_hookimpls())
 
     def callers(self, hook: str) -> dict[str, Any]:
-        """Those who fill ``hook`` → a caller that asks that plugin alone, in order of registration.
+        """Plugins that implement ``hook`` → a caller of that plugin alone, in order of registration.
 
         Raises:
             PluginError: a plugin wraps the hook: called one by one, there is nothing to wrap.
@@ -143,7 +143,7 @@ class RunHookManager:
         return value
 
     def notes(self) -> list[str]:
-        """What is odd about the plugins but no error, one line each."""
+        """Warnings about the plugins, one line each."""
         return [
             f"plugin {name!r}: {line}"
             for name, plugin in self.plugins.items()
@@ -152,10 +152,10 @@ class RunHookManager:
 
     @contextmanager
     def arguments_unchanged(self) -> Iterator[None]:
-        """Compare what every hook is handed before and after it; costs copies: for the start of a run.
+        """Compare every hook's arguments before and after the call; costs copies: for the start of a run.
 
         Raises:
-            PluginError: a hook changed a tensor it was handed; names the plugins asked, and the tensor.
+            PluginError: a hook changed a tensor argument; names the plugins called, and the tensor.
         """
         from apil_core.plugins.unchanged import changed, copies
 
@@ -185,15 +185,15 @@ class RunHookManager:
             undo()
 
     def finished(self, name: str, work: Callable[[], Any], rollout: Rollout) -> dict[str, Any]:
-        """What a function gives that ``update_auxiliary`` handed back; watched as hooks are.
+        """Call a function that ``update_auxiliary`` returned, with the same checks as hooks.
 
         Args:
             name: of the plugin.
             work: the function.
-            rollout: that the hook was handed.
+            rollout: argument of the hook.
 
         Raises:
-            PluginError: it failed, changed the rollout in place, or gives no dict.
+            PluginError: it failed, changed the rollout in place, or returned no dict.
         """
         from apil_core.plugins.unchanged import changed, copies
 
@@ -211,7 +211,7 @@ class RunHookManager:
         return {} if answer is None else self.merged([answer], "update_auxiliary")
 
     def only(self, plugin: Any) -> Any:
-        """A caller namespace that asks ``plugin`` alone."""
+        """A caller namespace of ``plugin`` alone."""
         others = [other for other in self.plugins.values() if other is not plugin]
         return _Subset(self.manager, others)
 
@@ -251,7 +251,7 @@ class RunHookManager:
             raise PluginError(f"plugin {name!r} cannot be used: {error}") from error
 
     def _failure(self, error: BaseException, otherwise: tuple[str, str] = ("", "")) -> PluginError:
-        """What was raised, and by whom; by ``otherwise`` if no hook implementation is on the stack."""
+        """Error that names the plugin; ``otherwise`` if no hook implementation is on the stack."""
         name, hook, where = self._culprit(error.__traceback__) or (*otherwise, "")
         reason = " ".join(str(error).split())
         return PluginError(f"plugin {name!r} failed in {hook}: {type(error).__name__}: {reason}{where}")

@@ -88,7 +88,7 @@ def make_game(
         ConfigError: its options are wrong.
     """
     spec = game_spec(name, plugins)
-    if name not in (plugins or default_plugins()).games:  # of a family: the name says what to call
+    if name not in (plugins or default_plugins()).games:  # of a family: the name contains the callable
         check(name)
     model = options_model(spec.config, options or {}, f"game {name}")
     which = {"target": spec.target} if spec.target else {}
@@ -107,14 +107,14 @@ def load_policy(
     """Load a policy by its full name, e.g. ``"zoo:kick-and-defend/kicker/v1"``.
 
     Args:
-        name: scheme, colon, and whatever the scheme asks for.
-        device: where it is to live.
-        plugins: who knows the schemes; default: the installed plugins.
-        seat: it is wanted for; formats that do not state their own sizes need it.
-        trust: allow names whose loading runs code of the user's.
+        name: scheme, colon, and the part that the scheme's loader reads.
+        device: of the policy.
+        plugins: registry with the schemes; default: the installed plugins.
+        seat: of the policy; required by formats that do not state their own sizes.
+        trust: allow names whose loading runs user code.
 
     Raises:
-        UnknownNameError: no plugin knows the scheme.
+        UnknownNameError: no plugin registers the scheme.
         VictimError: the weights are missing or damaged; or loading would run code and ``trust`` is false.
     """
     registry = plugins or default_plugins()
@@ -158,11 +158,11 @@ def build_observers(
 ) -> dict[str, Observer]:
     """Make the observer objects of a run; all get the same ``setup``.
 
-    Each draws its weights from a stream of its own, so that they are the same wherever it is switched on,
-    and nobody else's change with it.
+    Each draws its initial weights from its own random stream, so that they are the same in every run and no
+    other plugin's weights change with it.
 
     Raises:
-        PluginError: a factory fails or gives something that is no ``Observer``.
+        PluginError: a factory fails or returns something that is no ``Observer``.
     """
     import torch
 

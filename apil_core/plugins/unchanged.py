@@ -1,4 +1,4 @@
-"""Whether tensors handed to a hook are what they were: by copies, as inference mode counts no versions."""
+"""Detection of in-place changes of a hook's tensors: by copies, as inference mode counts no versions."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ RUN = "run"
 
 
 def copies(arguments: Mapping[str, object]) -> dict[str, Tensor]:
-    """A clone of every tensor that a hook's arguments lead to.
+    """Clones of all tensors in a hook's arguments.
 
-    Looks into dataclasses, dicts, lists and tuples, never into ``run``.
+    Searches dataclasses, dicts, lists and tuples, never ``run``.
 
     Args:
         arguments: of the hook, by name.

@@ -1,6 +1,6 @@
-"""Whether what a plugin fills are hooks, with arguments they have; and what in it is odd but no error.
+"""Checks that a plugin implements existing hooks with existing arguments; warnings about oddities in it.
 
-pluggy refuses such plugins by itself; the lines here say more plainly what would be right.
+pluggy rejects such plugins by itself; the messages here add what would be right.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def register(manager: pluggy.PluginManager, name: str, plugin: Any) -> None:
 
 
 def deprecated(manager: pluggy.PluginManager, name: str) -> list[str]:
-    """What the plugin of that name fills or takes that will go, one line each."""
+    """Deprecated hooks and arguments that the plugin of that name uses, one line each."""
     lines = []
     for hook, implementation, spec in _filled(manager, name):
         life = life_of(spec)
@@ -59,7 +59,7 @@ def deprecated(manager: pluggy.PluginManager, name: str) -> list[str]:
 
 
 def forgotten(manager: pluggy.PluginManager, name: str) -> list[str]:
-    """Hooks the plugin of that name fills that want an answer, but can give none: one line each."""
+    """Hooks of the plugin of that name that need a return value but get none, one line each."""
     lines = []
     for hook, implementation, spec in _filled(manager, name):
         if not _wants_answer(spec) or _answers(implementation):
@@ -135,9 +135,9 @@ def _wants_answer(spec: Any) -> bool:
 
 
 def _answers(implementation: pluggy.HookImpl) -> bool:
-    """Whether it returns a value (or yields one, and is no wrapper), or says that it does not.
+    """True if it returns a value (or yields one, and is no wrapper), or is annotated to return none.
 
-    True where nobody can tell.
+    True also where this is unknown.
     """
     try:
         tree = ast.parse(textwrap.dedent(inspect.getsource(implementation.function))).body[0]

@@ -1,4 +1,4 @@
-"""Agents that look at nothing, as a floor to compare with: noise, and no motion at all."""
+"""Baseline agents that ignore observations, as a lower bound: random actions, and no motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a policy does what :class:`apil_core.Policy` promises, in the seat it is to take."""
+"""Checks that a policy conforms to :class:`apil_core.Policy`, for the seat it is loaded for."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _SEED = 0
 
 @dataclass
 class Conformance:
-    """What was found.
+    """Result of the checks.
 
     Attributes:
-        errors: what must not be; empty for a policy that can play.
-        notes: what is allowed, and worth knowing.
+        errors: violations; empty for a policy that can play.
+        notes: permitted behaviour that users should be aware of.
         recurrent: actions depend on earlier observations.
         stochastic: it draws its actions.
         random_mode: even its mode is random.
@@ -41,7 +41,7 @@ class Conformance:
 
 
 class _BrokenError(Exception):
-    """The policy broke its promise; the message says how."""
+    """Violation of the policy interface; described in the message."""
 
 
 def check_policy(
@@ -52,10 +52,10 @@ def check_policy(
     second: bool = False,
     device: str = "cpu",
 ) -> Conformance:
-    """:func:`examine`, for callers who want to play.
+    """Run :func:`examine` and raise if the policy cannot play.
 
     Raises:
-        VictimError: it cannot play here; names what is wrong first.
+        VictimError: it cannot play here; the message names the first violation.
     """
     found = examine(policy, seat, opponent, second=second, device=device)
     if found.errors:
@@ -71,17 +71,17 @@ def examine(
     second: bool = False,
     device: str = "cpu",
 ) -> Conformance:
-    """Let a policy act on made-up observations and look at what it does.
+    """Run a policy on random observations and check its outputs.
 
-    Checks shapes, dtypes, finiteness, the distribution, that a game's start forgets the game before,
-    that the number of games may change, and declared action bounds. The policy's state is put back.
+    Checks shapes, dtypes, finiteness, the distribution, that the start of a game resets the state,
+    that the number of games may change, and declared action bounds. The policy's state is restored.
 
     Args:
-        policy: to look at.
-        seat: it is to take.
+        policy: to check.
+        seat: of the policy.
         opponent: the other seat, whose observation it may read; default: as ``seat``.
-        second: it acts after its opponent and may see that one's action.
-        device: where the policy is.
+        second: it acts after its opponent and may read its opponent's action.
+        device: of the policy.
     """
     found = Conformance()
     declared, bounds = policy.info.action_bounds, (seat.action_low, seat.action_high)
@@ -128,12 +128,12 @@ def _look(trial: _Trial, found: Conformance) -> None:
 
 @dataclass
 class _Trial:
-    """A policy on the bench.
+    """A policy under test.
 
     Attributes:
         policy, seat, opponent, device: as in :func:`examine`.
         second_mover: it sees its opponent's action.
-        state: of the policy before anything was asked of it.
+        state: of the policy before the first call.
     """
 
     policy: Policy
@@ -150,7 +150,7 @@ class _Trial:
         return torch.randn(games, width, generator=generator)
 
     def fresh(self, rows: Tensor, *, sample: bool = False) -> Decision:
-        """All games new, nothing remembered."""
+        """Decision for ``rows`` as first observations, from the initial state."""
         self.policy.load_recurrent_state(copy.deepcopy(self.state))
         return self.act(rows, sample=sample)
 
@@ -185,7 +185,7 @@ class _Trial:
 
 @contextmanager
 def _told(games: int) -> Iterator[None]:
-    """Say what was asked for when a policy fails."""
+    """Turn a policy's failure into an error that states the number of games."""
     try:
         yield
     except ApilError:

@@ -19,7 +19,7 @@ SCHEME = "embedded"
 
 
 def folder() -> Path:
-    """Where the files are: ``<game>/<role>/<version>.safetensors``."""
+    """Directory of the files: ``<game>/<role>/<version>.safetensors``."""
     return Path(str(files(__package__))) / "students"
 
 
@@ -38,7 +38,7 @@ def _listing(name: str, path: Path) -> PolicyListing:
     try:
         with safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}
-    except (SafetensorError, OSError):  # loading it says so
+    except (SafetensorError, OSError):  # reported when it is loaded
         metadata = {}
     told = provenance_of(metadata)
     source = f"student of {told.get('teacher', 'an unknown teacher')}, {told.get('steps', '?')} steps"

@@ -106,5 +106,5 @@ class FrozenPolicy(Policy):
         return dict(self._memory.rows)
 
     def load_recurrent_state(self, state: State) -> None:
-        """Restore what :meth:`recurrent_state` gave; an empty one forgets all games."""
+        """Restore the result of :meth:`recurrent_state`; an empty one resets all games."""
         self._memory.load(state, self._std.device)

@@ -1,4 +1,4 @@
-"""What a policy is and whether it can take a seat: the report of ``apil victims check``."""
+"""Report of ``apil victims check``: a policy's properties, and if it can play a seat."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ _SECONDS = 0.3
 
 
 class Inspection(BaseModel):
-    """What was found of a policy in a seat.
+    """Report on a policy in a seat.
 
     Attributes:
         name, sha256, provenance: its identity.
         game, side: the seat.
         observation_size, action_size: its own.
-        action_bounds: it was made for, or ``None`` if it does not say.
+        action_bounds: it was made for, or ``None`` if it does not state them.
         recurrent, stochastic: see :class:`apil_core.policies.conformance.Conformance`; ``None``: it could
-            not be tried.
+            not be run.
         steps_per_second: decisions for single games, :data:`GAMES` at a time on one thread.
-        errors: why it cannot take the seat.
-        notes: what is worth knowing.
+        errors: reasons why it cannot play the seat.
+        notes: remarks for the user.
     """
 
     model_config = EXACT
@@ -57,14 +57,14 @@ class Inspection(BaseModel):
 def inspect_policy(
     name: str, env: str, side: str | None, plugins: PluginRegistry, *, trust: bool = False
 ) -> Inspection:
-    """Load a policy, try it in a seat, and measure it.
+    """Load a policy, check it in a seat, and measure its speed.
 
     Args:
         name: of the policy, or a run's directory.
         env: the game.
         side: name of the seat; default: the one that is attacked.
-        plugins: know both.
-        trust: allow names whose loading runs code of the user's.
+        plugins: registry with both.
+        trust: allow names whose loading runs user code.
 
     Raises:
         ApilError: there is no such game or side, or the policy cannot be loaded.

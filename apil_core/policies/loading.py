@@ -1,4 +1,4 @@
-"""Who takes which seat of a game: from a name to a policy that fits and does what policies promise."""
+"""Loading of policies for a game's seats: from a name to a policy of the right sizes, checked."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def victim_side(config: RunConfig, plugins: PluginRegistry) -> int:
 
 
 def full_name(name: str, seat: SideLayout) -> str:
-    """What a short name stands for in that seat: a baseline of its sizes, or what is in a directory."""
+    """Full name of a short one in that seat: a baseline of its sizes, or the policy in a directory."""
     if name in BASELINES:
         return f"baseline:{name}/{seat.observation_size}x{seat.action_size}"
     if is_retraining(Path(name)):
@@ -45,12 +45,12 @@ def full_name(name: str, seat: SideLayout) -> str:
 
 @dataclass(frozen=True)
 class LoadOptions:
-    """How a policy takes its seat.
+    """Options of loading a policy for a seat.
 
     Attributes:
-        trust: allow names whose loading runs code of the user's.
-        seed: of random generators of the policy's own.
-        second: it acts after its opponent, and may see that one's action.
+        trust: allow names whose loading runs user code.
+        seed: of the policy's own random generators.
+        second: it acts after its opponent, and may read its opponent's action.
     """
 
     trust: bool = False
@@ -70,15 +70,15 @@ def load_victim(
 
     Args:
         name: a policy's, a run's directory, or one of :data:`BASELINES`.
-        game: whose seat it is; not stepped.
+        game: that has the seat; not stepped.
         side: index of the seat.
         device: of the networks.
-        plugins: who knows the scheme.
+        plugins: registry with the scheme.
         load_options: trust, seed and order.
 
     Raises:
         ConfigError: its sizes are not the seat's.
-        VictimError: it cannot be loaded, or does not act as a policy should.
+        VictimError: it cannot be loaded, or violates the policy interface.
     """
     seat = game.layout.sides[side]
     name = full_name(name, seat)
@@ -96,13 +96,13 @@ def load_victim(
 
 
 def run_victim(config: RunConfig, game: Game, plugins: PluginRegistry, seed: int) -> Policy:
-    """The victim of a run, and no other one: its weights must be those the run began with.
+    """Load the victim of a run; its weights must be those the run started with.
 
     Args:
         config: the run's.
-        game: the victim's seat is taken in it.
-        plugins: who knows the victim's scheme.
-        seed: of random generators of the victim's own.
+        game: that has the victim's seat.
+        plugins: registry with the victim's scheme.
+        seed: of the victim's own random generators.
 
     Raises:
         VictimError: the weights have changed since, or cannot be loaded.

@@ -21,7 +21,7 @@ _RNN = ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
 
 @dataclass(frozen=True)
 class NetworkShape:
-    """What the tensors of a network mean.
+    """Architecture of a network, which determines its tensors.
 
     Attributes:
         kind: ``lstm`` below the MLP, or the MLP alone.
@@ -41,7 +41,7 @@ class NetworkShape:
     embed: int = 0
 
     def tensors(self) -> dict[str, tuple[int, ...]]:
-        """Names and shapes of a file's tensors, weights as torch's own layers keep them."""
+        """Names and shapes of a file's tensors, in the layout of torch's layers."""
         o, a, w = self.observation_size, self.action_size, self.width
         shapes: dict[str, tuple[int, ...]] = {
             "observation.mean": (o,),
@@ -107,7 +107,7 @@ class PolicyNetwork(nn.Module):
 
     @property
     def recurrent(self) -> bool:
-        """Whether it has an LSTM."""
+        """True if it has an LSTM."""
         return self.shape.kind == "lstm"
 
     def step(self, z: Tensor, state: LstmState) -> tuple[Tensor, Tensor, LstmState]:
@@ -172,6 +172,6 @@ class PolicyNetwork(nn.Module):
         return last(x), x
 
     def zero_state(self, games: int) -> LstmState:
-        """Where games start."""
+        """LSTM state at the start of games, h and c, (games, width) each."""
         zeros = torch.zeros(games, self.shape.width, device=next(self.parameters()).device)
         return zeros, zeros

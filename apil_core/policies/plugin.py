@@ -1,4 +1,4 @@
-"""The door through which the zoo and the baselines come in; imports neither torch nor mujoco."""
+"""Plugin that registers the zoo and the baselines; imports neither torch nor mujoco."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a recurrent network remembers between steps: one row per game, cleared where a game starts."""
+"""State of a recurrent network between steps: one row per game, cleared where a game starts."""
 
 from __future__ import annotations
 
@@ -45,5 +45,5 @@ class Memory:
         return {key: torch.where(first.unsqueeze(1), fresh[key], rows) for key, rows in self.rows.items()}
 
     def load(self, rows: State, device: torch.device) -> None:
-        """Take over copies of ``rows`` on ``device``; none forget all games."""
+        """Replace the state by copies of ``rows`` on ``device``; without rows, reset all games."""
         self.rows = {key: tensor.to(device, copy=True) for key, tensor in rows.items()}

@@ -25,7 +25,7 @@ FORMAT = "apil-student-1"
 
 
 def weights_sha256(weights: Weights) -> str:
-    """Hex digest of names, shapes and values: a student's identity, whatever is noted beside them."""
+    """Hex digest of names, shapes and values: a student's identity, independent of its metadata."""
     digest = hashlib.sha256()
     for name, tensor in sorted(weights.items()):
         digest.update(f"{name} {tuple(tensor.shape)} ".encode())
@@ -40,7 +40,7 @@ def save_file(path: Path, shape: NetworkShape, weights: Weights, provenance: Map
         path: of the file.
         shape: of ``weights``.
         weights: on the CPU.
-        provenance: kept beside the weights as JSON, for people and for ``apil victims list``.
+        provenance: stored with the weights as JSON, e.g. for ``apil victims list``.
     """
     metadata = {
         "format": FORMAT,
@@ -93,7 +93,7 @@ def _shape(metadata: Mapping[str, str], where: str) -> NetworkShape:
 
 
 def _plausible(shape: NetworkShape) -> None:
-    """What the tensors' sizes do not tell.
+    """Check the fields that the tensors' sizes do not determine.
 
     Raises:
         ValueError: not a shape that can act.

@@ -1,4 +1,4 @@
-"""The zoo as the rest of the program sees it: list, load, import, download. Knows torch only in ``load``."""
+"""Public interface of the zoo: list, load, import, download. Imports torch only in ``load``."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""Converted agents on this machine: one safetensors file each, proved by upstream's own SHA-256.
+"""Converted agents on this machine: one safetensors file each, verified by upstream's SHA-256.
 
-A file keeps the few bytes that stood before and after the vector in the pickle. With them the whole
-pickle, hence its published SHA-256, can be computed again: what is loaded is what upstream wrote,
-whatever happened to the file in between.
+A file stores the few bytes before and after the vector in the pickle. With them the pickle can be rebuilt
+and its published SHA-256 verified at every load, so that a changed file is detected.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ _SEAL = "metadata_sha256"
 
 
 def cache_dir() -> Path:
-    """Where converted agents are kept: ``$APIL_CACHE``, or the user's cache folder. Not created here."""
+    """Directory of converted agents: ``$APIL_CACHE``, or the user's cache folder. Not created here."""
     chosen = os.environ.get("APIL_CACHE")
     return Path(chosen).expanduser() if chosen else platformdirs.user_cache_path("apil")
 

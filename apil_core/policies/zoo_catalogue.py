@@ -1,4 +1,4 @@
-"""What the zoo holds: every known agent, its file upstream, its SHA-256 and its sizes. Facts only."""
+"""Catalogue of the zoo: every known agent, its file upstream, its SHA-256 and its sizes. Data only."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ GAMES: Mapping[str, GameFacts] = {
     "run-to-goal-ants": GameFacts(122, 8, recurrent=False),
 }
 
-# upstream's folder and file prefix -> game and side; agent1 sits on side 0
+# upstream's folder and file prefix -> game and side; agent1 plays side 0
 _SEATS: Mapping[str, tuple[str, str]] = {
     "kick-and-defend/kicker/agent1": ("kick-and-defend", "kicker"),
     "kick-and-defend/defender/agent2": ("kick-and-defend", "defender"),
@@ -82,7 +82,7 @@ class ZooEntry:
 
     @property
     def provenance(self) -> dict[str, str]:
-        """Where the agent comes from, for people."""
+        """Origin of the agent, as text."""
         return {"repository": self.repository, "commit": self.commit, "file": self.file}
 
 

@@ -76,11 +76,11 @@ def _fetch(wanted: list[ZooEntry], folder: Path, base: str) -> list[ImportRow]:
         for entry in wanted:
             try:
                 store.fetch(entry.file)
-            # requests' errors are OSErrors, and a few are ValueErrors too: ask for them first
+            # requests' errors are OSErrors, and a few are ValueErrors too: caught first
             except (RequestException, OSError) as error:
                 refused.append(ImportRow(entry.full_name, "", "", _unreachable(base + entry.file, error)))
                 if getattr(error, "response", None) is None:
-                    break  # nobody answers: the other files would only wait for the same
+                    break  # the server does not respond: the other files would time out too
             except ValueError as error:  # pooch's word for a wrong checksum
                 reason = f"{entry.file}: {str(error).partition('. ')[0]}; not imported"
                 refused.append(ImportRow(entry.full_name, "", "", reason))
@@ -98,7 +98,7 @@ def _unreachable(url: str, error: Exception) -> str:
 
 @contextmanager
 def _quiet(logger: logging.Logger) -> Iterator[None]:
-    """Pooch tells of each file on stderr; the command line reports for itself."""
+    """Silence pooch, which logs each file on stderr; the command line reports progress itself."""
     level = logger.level
     logger.setLevel(logging.WARNING)
     try:

@@ -21,13 +21,13 @@ CONVERTER = "1"
 
 @dataclass(frozen=True)
 class ImportRow:
-    """What became of one file.
+    """Result of importing one file.
 
     Attributes:
         name: the agent, ``"zoo:..."``.
         source: the pickle that was read.
         sha256: of that pickle.
-        error: why it was refused, one line; empty if it was imported.
+        error: reason why it was refused, one line; empty if it was imported.
     """
 
     name: str
@@ -74,7 +74,7 @@ def import_zoo(path: str | Path) -> list[ImportRow]:
 
 def _find(path: Path, entry: ZooEntry) -> Path | None:
     inside = Path(entry.file).relative_to("agent-zoo")
-    names = {inside, inside.with_name(inside.name.replace("v1pkl", "v1.pkl"))}  # a copy may have mended it
+    names = {inside, inside.with_name(inside.name.replace("v1pkl", "v1.pkl"))}  # a copy may have fixed it
     places = [folder / name for folder in (path, path / "agent-zoo") for name in names]
     return next((place for place in places if place.is_file()), None)
 

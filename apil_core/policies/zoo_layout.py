@@ -1,7 +1,7 @@
-"""How one flat vector of the zoo divides into named tensors (docs/games.md, "Zoo weights").
+"""Division of a flat vector of the zoo into named tensors (docs/games.md, "Zoo weights").
 
 In order: return filter (sum, sum of squares, count), observation filter (the same three), value net,
-policy net, log standard deviation. Kernels are stored (inputs, outputs), as TensorFlow keeps them.
+policy net, log standard deviation. Kernels are stored (inputs, outputs), as in TensorFlow.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def vector_length(facts: GameFacts) -> int:
 
 
 def split(vector: Vector, shapes: Shapes) -> dict[str, Vector]:
-    """Cut ``vector`` (length as :func:`vector_length` says) into named views."""
+    """Split ``vector`` (length: :func:`vector_length`) into named views."""
     ends = np.cumsum([prod(shape) for shape in shapes.values()])
     parts = np.split(vector, ends[:-1])
     return {name: part.reshape(shape) for (name, shape), part in zip(shapes.items(), parts, strict=True)}

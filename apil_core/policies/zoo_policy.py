@@ -26,10 +26,10 @@ _STATE = "actor."
 class ZooPolicy(FrozenPolicy):
     """A frozen agent of Bansal et al. 2018.
 
-    Sees its observation standardised by the mean and variance of its own training, clipped to ±5, and
-    draws from a normal distribution whose standard deviation does not depend on the observation.
-    Runs that attacked it resume bit for bit, and so the last bits matter: it multiplies by the reciprocal
-    of the deviation, and its LSTM adds and multiplies in one operation.
+    Standardises its observation by the mean and variance of its own training, clips it to ±5, and samples
+    from a normal distribution whose standard deviation does not depend on the observation.
+    Runs that attacked it must resume bit for bit, so rounding matters: it multiplies by the reciprocal
+    of the deviation, and its LSTM multiplies and adds in one ``addcmul``.
     """
 
     def __init__(self, info: PolicyInfo, tensors: Tensors):
@@ -54,7 +54,7 @@ class ZooPolicy(FrozenPolicy):
         return {f"{_STATE}{name}": rows for name, rows in super().recurrent_state().items()}
 
     def load_recurrent_state(self, state: State) -> None:
-        """Restore what :meth:`recurrent_state` gave; an empty one forgets all games."""
+        """Restore the result of :meth:`recurrent_state`; an empty one resets all games."""
         own = {name.removeprefix(_STATE): rows for name, rows in state.items() if name.startswith(_STATE)}
         super().load_recurrent_state(own)
 

@@ -1,1 +1,1 @@
-"""The environment of an attack, PPO, and what a run keeps."""
+"""The environment of an attack, PPO, and a run's files."""

@@ -22,12 +22,12 @@ HOOK_STREAM = "evaluation hooks"
 
 
 class ObservationBuilder(nn.Module):
-    """From a view to the learner's input: own observation, the hooks' groups, each normalised.
+    """Builder of the learner's input from a view: own observation, the hooks' groups, each normalised.
 
-    Group sizes are learnt from the first view and checked ever after.
+    Group sizes are set by the first view and checked afterwards.
 
     Args:
-        hooks: asked for ``extend_observation``.
+        hooks: called for ``extend_observation``.
         clip: bound of the normalised values.
     """
 
@@ -78,7 +78,7 @@ class ObservationBuilder(nn.Module):
             for name, size in sizes.items():
                 try:
                     self.normalizers[name] = ObservationNormalizer(size, self._clip).to(device)
-                except KeyError as error:  # torch keeps modules as attributes
+                except KeyError as error:  # torch registers modules assigned as attributes
                     raise self._complaint(f"no group can be named {name!r}; choose another") from error
 
     def normalize(self, groups: dict[str, Tensor], *, update: bool) -> TensorDict:
@@ -111,12 +111,12 @@ class AdversaryPolicy(Policy):
     """A trained (or training) adversary that acts without a run.
 
     Args:
-        info: identity; the hash is of the checkpoint it came from.
-        builder: makes the observation; never updated here.
+        info: identity; the hash is the checkpoint's.
+        builder: of the observation; never updated here.
         actor: the policy network.
-        context: for whom observations are made; its generator feeds stochastic hooks.
-        hooks: of the methods and observers, whose state belongs to the policy; what they raise carries
-            their name.
+        context: of the observations; its generator is the random source of stochastic hooks.
+        hooks: of the methods and observers, whose state belongs to the policy; their errors name the
+            plugin.
     """
 
     def __init__(

@@ -49,7 +49,7 @@ class Pending:
 
     Attributes:
         view: the adversary's, with the action the victim has chosen.
-        victim: that action and what it was drawn from; ``None`` where it acts after the adversary.
+        victim: that action and its distribution; ``None`` where it acts after the adversary.
         groups: raw observation groups of the adversary, each (n, k).
         observations: the same normalised, and the critics' own.
     """
@@ -66,15 +66,15 @@ class AttackEnv:
     Args:
         game: stepped here and nowhere else.
         victim: frozen policy.
-        builder: makes the adversary's observations; its statistics grow only if ``learning``.
-        hooks: asked for filters, extra observations and reward terms.
+        builder: of the adversary's observations; its statistics are updated only if ``learning``.
+        hooks: called for filters, extra observations and reward terms.
         config: the run's.
         weights: of the training reward.
         adversary_side: index of the learner's seat.
         generators: ``"victim"`` for its actions, ``"method"`` for hooks.
         learning: false for side games of ``run.collect``: no statistics, no reward terms.
         victim_answers: the victim acts after the learner, and sees its action (retraining, where the frozen
-            player is an adversary).
+            policy is an adversary).
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class AttackEnv:
         self.played: Callable[[], int] = lambda: self.steps
         """Steps of the whole run, by which the dense reward is annealed; set by its trainer."""
         self.shape_reward: Callable[..., list[Any]] = partial(hooks.hook.shape_reward, run=None)
-        """The hook, called with ``step``; the trainer sets it to one that knows the run."""
+        """The hook, called with ``step``; the trainer replaces it by one that passes the run."""
         self.stats = EpisodeStats(self.num_envs, game.layout.causes, self.device)
         self.buffer = RolloutBuffer(config.ppo.num_steps)
         gamma = config.ppo.gamma

@@ -125,16 +125,16 @@ def build(
     manager: type[RunHookManager] = RunHookManager,
     world: World = ALONE,
 ) -> RunParts:
-    """Make everything a run needs; seeds torch's global generator, which PPO draws from.
+    """Build all objects of a run; seeds torch's global generator, which PPO draws from.
 
     Args:
         config: the run's.
-        plugins: who offers what it names.
-        manager: of the run's hooks; ``benchmarks/speed`` times them with its own.
-        world: processes that train together: each has games and random streams of its own, equal networks.
+        plugins: registry with the names in the config.
+        manager: of the run's hooks; ``benchmarks/speed`` passes one that times them.
+        world: processes that train together: each has its own games and random streams, and equal networks.
 
     Raises:
-        ApilError: whatever is wrong with names, options, weights or plugins.
+        ApilError: names, options, weights or plugins are wrong.
     """
     config = config.model_copy(update={"device": world.device(config.device)})
     device = check_device(config.device)
@@ -165,7 +165,7 @@ def build(
     seat = game.layout.sides[1 - attacked]
     actor = Actor(builder.sizes, seat.action_size, config.ppo, seat.action_limit)
     learner = Learner(actor, example, env.buffer, config.ppo, device, world, game.layout.max_steps)
-    if not world.is_main:  # the networks are made: from here on, draws of its own
+    if not world.is_main:  # the networks exist: from here on each process draws its own random numbers
         torch.manual_seed(seed)
     return RunParts(
         config, game, victim, 1 - attacked, methods, hooks, builder, streams, env, actor, learner, world
@@ -200,7 +200,7 @@ def method_setup(
 
 
 def evaluation_context(layout: GameLayout, side: int, seed: int, device: torch.device) -> Context:
-    """For whom a trained adversary's observations are made when it is scored."""
+    """Context of a trained adversary's observations in an evaluation."""
     generator = stream_generator(seed, HOOK_STREAM, device)
     return Context(
         side=side,

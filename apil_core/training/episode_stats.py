@@ -17,7 +17,7 @@ WINDOW = 1000
 class EpisodeStats:
     """Outcomes, returns and lengths of ended games, from the adversary's point of view.
 
-    Returns are sums of the game's own reward, sparse and dense, as everywhere; not of the training reward.
+    Returns are sums of the game's reward, sparse and dense; not of the training reward.
 
     Args:
         num_envs: number of games.
@@ -104,5 +104,5 @@ class EpisodeStats:
         self._returns.copy_(state["returns"])
         self._length.copy_(state["length"])
         self._window = state["window"].tolist()
-        causes = state.get("window_causes")  # checkpoints from before they were kept have none
+        causes = state.get("window_causes")  # older checkpoints lack them
         self._window_causes = [] if causes is None else causes.tolist()

@@ -1,7 +1,7 @@
 """Exploration noise that is correlated in time (docs/methods.md §3, PPO).
 
-White noise moves a motor to and fro within milliseconds: its mean force is near zero. Noise that keeps
-its sign for a while has the same distribution at every single step and gets somewhere.
+White noise reverses a motor within milliseconds: its mean force is near zero. Noise that keeps its sign for
+several steps has the same distribution at every single step but a larger net effect.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from apil_core.api.config import PPOConfig
 def make_noise(
     config: PPOConfig, num_envs: int, action_size: int, horizon: int, device: torch.device
 ) -> Noise | None:
-    """Make the noise that ``ppo.noise`` names; ``None`` for white noise, which needs no memory.
+    """Build the noise that ``ppo.noise`` names; ``None`` for white noise, which has no state.
 
     Args:
         config: PPO's settings.
@@ -41,7 +41,7 @@ class Noise:
         raise NotImplementedError
 
     def renew(self, done: Tensor) -> None:
-        """Forget the past of the games that are over, (n,) bool."""
+        """Reset the noise of ended games, (n,) bool."""
         raise NotImplementedError
 
     def state_dict(self) -> dict[str, Any]:

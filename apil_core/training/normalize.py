@@ -108,7 +108,7 @@ class ObservationNormalizer(nn.Module):
         super().__init__()
         self.clip = clip
         self.moments = RunningMoments(size)
-        # float32 copies of the moments: the hot loop shall not convert at every step
+        # float32 copies of the moments: no conversion at every step of the hot loop
         self.register_buffer("shift", torch.zeros(size))
         self.register_buffer("scale", torch.ones(size))
 

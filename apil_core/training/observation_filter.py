@@ -11,11 +11,11 @@ from apil_core.plugins.hook_manager import RunHookManager
 
 
 class ObservationFilter:
-    """The filters one after the other, each given what the last one left; the same in training and play.
+    """Chain of the filters, each applied to the output of the last one; the same in training and evaluation.
 
     Args:
         hooks: of the adversary's run, or ``None`` where there is no run.
-        contexts: for whom each side's observation is, by side.
+        contexts: of both sides' observations, by side.
 
     Raises:
         PluginError: a plugin wraps the hook.

@@ -89,15 +89,15 @@ def of_other_games(saved: Any, fresh: Any, there: int, here: int) -> Any:
 def check_states(
     plugins: Mapping[str, RunPlugin], anew: Callable[[], Mapping[str, RunPlugin]], device: torch.device
 ) -> None:
-    """Check that states can be stored and load into objects built anew; draws nothing.
+    """Check that states can be stored and loaded into newly built objects; draws no random numbers.
 
     Args:
         plugins: of a run, just built.
-        anew: builds them once more.
-        device: where they live.
+        anew: builds them again.
+        device: of the plugins.
 
     Raises:
-        PluginError: it cannot, or does not.
+        PluginError: a state cannot be stored or loaded.
     """
     states = states_of(plugins)
     if not any(states.values()):
@@ -137,7 +137,7 @@ def unstorable(value: Any, path: str) -> tuple[str, str] | None:
 def _survives(value: Any) -> bool:
     try:
         stored_and_read({"": value})
-    except Exception:  # whatever a foreign class raises while it is pickled
+    except Exception:  # any exception of a third-party class while it is pickled
         return False
     return True
 

@@ -88,7 +88,7 @@ class _Times(nn.Module):
 def _model(
     example: TensorDict, output_size: int, config: PPOConfig, unit: float | None = None
 ) -> LatentModel:
-    """An actor's network, if ``unit`` says of what its spread is a multiple, or a critic's."""
+    """An actor's network if ``unit``, the unit of its standard deviation, is given, else a critic's."""
     stochastic = unit is not None
     names = list(example.keys())
     distribution = {
@@ -178,7 +178,7 @@ class Learner:
 
     @torch.no_grad()
     def act(self, observations: TensorDict) -> Tensor:
-        """Draw actions (n, a) and remember what the update needs; torch's global generator draws."""
+        """Draw actions (n, a) from torch's global generator, and store the inputs of the update."""
         latent = self.storage.next_latent(observations)
         mean = self._mean(latent)
         if self.noise is None:
@@ -193,7 +193,7 @@ class Learner:
         return mean
 
     def ended(self, done: Tensor) -> None:
-        """Forget the exploration noise of the games that ended with the step, (n,) bool."""
+        """Reset the exploration noise of the games that ended with the step, (n,) bool."""
         if self.noise is not None:
             self.noise.renew(done)
 
@@ -229,7 +229,7 @@ class Learner:
         return self.ppo.critic(self.storage.observations), self.ppo.critic(last)
 
     def _present(self, observations: TensorDict) -> DiagonalGaussian:
-        """What the policy, as it is now, would draw the rollout's actions from, (T·n, a)."""
+        """The current policy's action distribution at the rollout's observations, (T·n, a)."""
         present: DiagonalGaussian = self.actor(observations)
         return present
 
@@ -316,7 +316,7 @@ class Learner:
 
 
 class StreamCritic:
-    """The critic of one further reward stream, trained in its own optimiser."""
+    """The critic of one further reward stream, with its own optimiser."""
 
     def __init__(self, model: LatentModel, config: PPOConfig, world: World):
         self.model = model
@@ -331,7 +331,7 @@ class StreamCritic:
         self.world.broadcast(list(self.model.state_dict().values()))
 
     def advantages(self, learner: Learner, rewards: Tensor, last: TensorDict) -> Tensor:
-        """GAE of the stream, (T, n); keeps the critic's targets for :meth:`update`."""
+        """GAE of the stream, (T, n); stores the critic's targets for :meth:`update`."""
         with torch.no_grad():
             values = self.model(learner.storage.observations.flatten(0, 1)).view(rewards.shape)
             result = learner._gae(rewards, values, self.model(last)[:, 0])

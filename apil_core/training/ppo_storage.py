@@ -15,7 +15,7 @@ from apil_core.api.types import PRIVILEGED_GROUP
 from apil_core.training.rollout_buffer import RolloutBuffer
 
 LATENT = "latent"
-"""Name under which the storage keeps all observation groups side by side."""
+"""Name of the concatenation of all observation groups in the storage."""
 
 
 class LatentModel(MLPModel):
@@ -26,7 +26,7 @@ class LatentModel(MLPModel):
 
     def get_latent(self, obs: TensorDict, masks: None = None, hidden_state: None = None) -> Tensor:
         """The network's input, (..., k)."""
-        # a method may call a group of its own "latent": what is joined has no first group
+        # a method may name a group "latent": the joined tensor has no first group
         if self.obs_groups[0] not in obs.keys():  # noqa: SIM118  (a TensorDict refuses `in`)
             groups = [LATENT, *(name for name in self.obs_groups if name == PRIVILEGED_GROUP)]
         else:
@@ -35,14 +35,14 @@ class LatentModel(MLPModel):
 
 
 class PPOStorage(RolloutStorage):
-    """One rollout, T steps of n games, with what PPO alone needs: joined observations, means, values.
+    """One rollout, T steps of n games, with PPO's own data: joined observations, means, values.
 
-    Actions, rewards and ends are those of the rollout that hooks read, in the same memory.
+    Actions, rewards and ends share the memory of the rollout that hooks read.
 
     Attributes:
         means: of the distributions the actions were drawn from, (T, n, a).
         states: of recurrent actor and critic before the first step, each h and c, (n, w).
-        goes_on: asked before each pass but the first whether there is to be another.
+        goes_on: called before each pass but the first; False ends the update.
         passes: of the last update.
 
     Args:
@@ -91,9 +91,9 @@ class PPOStorage(RolloutStorage):
     def mini_batch_generator(
         self, num_mini_batches: int, num_epochs: int = 8
     ) -> Iterator[RolloutStorage.Batch]:
-        """The batches of rsl_rl's generator, which shuffles once for all epochs: gathered once, too.
+        """The batches of rsl_rl's generator, which shuffles once for all epochs; gathered once.
 
-        Ends early where :attr:`goes_on` says so.
+        Ends early if :attr:`goes_on` returns False.
         """
         size = self.num_envs * self.num_transitions_per_env // num_mini_batches
         order = torch.randperm(num_mini_batches * size, device=self.device)

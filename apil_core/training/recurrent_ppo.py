@@ -1,8 +1,8 @@
-"""PPO on given networks with or without memory: a victim's own, which zoo agents and students have.
+"""PPO on given networks, recurrent or not: those of victims (zoo agents and students).
 
-A network with memory learns from whole stretches: each minibatch is some of the games over all T steps, begun
-from the state the game had when the rollout began (of the network before the update), cleared where games
-end. Gradients reach back to the start of the rollout and no further.
+A recurrent network learns from sequences: each minibatch is some of the games over all T steps, starting
+from the game's state at the start of the rollout (of the network before the update), cleared where games
+end. Backpropagation through time is truncated at the start of the rollout.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from apil_core.training.rollout_buffer import RolloutBuffer
 
 
 class NetworkModel(nn.Module):
-    """A :class:`PolicyNetwork` as rsl_rl's PPO asks its models: an actor, or without ``log_std`` a critic.
+    """Adapter of a :class:`PolicyNetwork` to rsl_rl's models: an actor, or without ``log_std`` a critic.
 
     Args:
         network: reads standardised observations; a copy is trained.
@@ -38,12 +38,12 @@ class NetworkModel(nn.Module):
 
     @property
     def model(self) -> NetworkModel:
-        """What rsl_rl trains."""
+        """The module that rsl_rl trains."""
         return self
 
     @property
     def is_recurrent(self) -> bool:
-        """Whether it has a memory."""
+        """True if the network is recurrent."""
         return self.network.recurrent
 
     @property
@@ -62,10 +62,10 @@ class NetworkModel(nn.Module):
         """Mean actions or values, (m, a).
 
         Args:
-            observations: standardised, batch (m,); of a network with memory T·m, stretches of T steps.
+            observations: standardised, batch (m,); of a recurrent network T·m, sequences of T steps.
             masks: ends of games, (T, m) bool.
             hidden_state: before the first step.
-            stochastic_output: keep the distribution for the properties below.
+            stochastic_output: store the distribution for the properties below.
         """
         z = latent(observations)
         if self.is_recurrent:
@@ -81,19 +81,19 @@ class NetworkModel(nn.Module):
         return output
 
     def get_output_log_prob(self, actions: Tensor) -> Tensor:
-        """Log density of actions (m, a) in the distribution kept last, (m,)."""
+        """Log density of actions (m, a) in the distribution stored last, (m,)."""
         assert self._distribution is not None
         return self._distribution.log_prob(actions).sum(-1)
 
     @property
     def output_distribution_params(self) -> tuple[Tensor, Tensor]:
-        """Mean and standard deviation of the distribution kept last, (m, a) each."""
+        """Mean and standard deviation of the distribution stored last, (m, a) each."""
         assert self._distribution is not None
         return self._distribution.mean, self._distribution.stddev
 
     @property
     def output_entropy(self) -> Tensor:
-        """Of the distribution kept last, (m,)."""
+        """Entropy of the distribution stored last, (m,)."""
         assert self._distribution is not None
         return self._distribution.entropy().sum(-1)
 
@@ -110,10 +110,10 @@ class NetworkModel(nn.Module):
 
 
 class NetworkLearner(Learner):
-    """:class:`Learner` on given networks; follows the states of those with memory.
+    """:class:`Learner` on given networks; tracks the states of recurrent ones.
 
     Args:
-        actor, critic: to train; a critic whose parameters ask for no gradient stays as it is.
+        actor, critic: to train; a critic whose parameters require no gradient is not trained.
         example: standardised observations of all games, for shapes, batch (num_envs,).
         rollout: written by the environment.
         config: PPO's settings; ``hidden``, ``init_std`` and ``observation_clip`` are the networks' own.
@@ -131,7 +131,7 @@ class NetworkLearner(Learner):
         device: torch.device,
         horizon: int,
     ):
-        # it has all of an Actor that the learner asks for
+        # it has the interface of an Actor that the learner uses
         super().__init__(cast(Actor, actor), example, rollout, config, device, horizon=horizon, critic=critic)
         self.policy = actor
         self.critic = critic
@@ -155,7 +155,7 @@ class NetworkLearner(Learner):
 
     @torch.no_grad()
     def forget(self) -> None:
-        """Drop the rollout unseen; what the networks remember of its games stays."""
+        """Drop the rollout without an update; the networks' states are kept."""
         self._follow()
         self.storage.clear()
 
@@ -198,7 +198,7 @@ class NetworkLearner(Learner):
 
 
 def latent(observations: TensorDict) -> Tensor:
-    """The one group there is, as the environment gives it or as the storage keeps it."""
+    """The only observation group, from the environment or the storage."""
     keys = observations.keys()
     group: Tensor = observations[LATENT if LATENT in keys else OWN_GROUP]
     return group

@@ -39,7 +39,7 @@ class RolloutBuffer:
     def add(self, step: StepBatch, shaped: Tensor, groups: Mapping[str, Tensor]) -> None:
         """Append one vectorised step with its shaped reward (n,) and raw observation groups."""
         if self._length == self.num_steps:
-            self._length = 0  # a foreign runner never asks for rollouts: keep the newest
+            self._length = 0  # a third-party runner never takes rollouts: keep only the newest
         t = self._length
         rows = {name: getattr(step, name) for name in _FIELDS} | {"shaped_reward": shaped}
         if step.victim_distribution is not None:
@@ -74,7 +74,7 @@ class RolloutBuffer:
 
     def _column(self, store: dict[str, Tensor], name: str, row: Tensor) -> Tensor:
         if name not in store:
-            # not an inference tensor, whatever mode the caller is in: hooks train on these
+            # not an inference tensor, in any mode of the caller: hooks train on these
             with torch.inference_mode(False):
                 store[name] = torch.zeros((self.num_steps, *row.shape), dtype=row.dtype, device=row.device)
         return store[name]

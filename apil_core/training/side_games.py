@@ -1,4 +1,4 @@
-"""A second set of games for methods that need rollouts of their own (``run.collect``)."""
+"""A second set of games for methods that need separate rollouts (``run.collect``)."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class SideGames:
         for _ in range(steps):
             actions = self._attack.actor(observations).sample(self._attack.generators["method"])
             observations, _, _, _ = env.step(actions)
-        env.stats.metrics()  # not read here: forget, or they pile up
+        env.stats.metrics()  # not used here: drop, or they accumulate
         return env.finish_rollout()
 
     def _build(self, policy: Policy) -> AttackEnv:

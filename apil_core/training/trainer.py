@@ -66,7 +66,7 @@ class Trainer:
 
     @property
     def finished(self) -> bool:
-        """Whether the budget is used up."""
+        """True if the budget is used up."""
         return self.steps >= self.total_steps
 
     def iterate(self, *, actor_fixed: bool = False) -> dict[str, float]:
@@ -134,10 +134,10 @@ class Trainer:
         return self._update(rollout, update)
 
     def _update(self, rollout: Rollout, ppo: Callable[[], dict[str, float]]) -> dict[str, float]:
-        """Auxiliary models and PPO; what plugins hand back as a function is done beside PPO's update.
+        """Update auxiliary models and PPO; functions returned by plugins run in parallel with PPO's update.
 
-        Only torch's global generator and the adversary's networks change in PPO's update, and such a function
-        may use neither: so the result is the same bit for bit whether both run at once or in turn.
+        PPO's update changes only torch's global generator and the adversary's networks, and such a function
+        may use neither: the result is the same bit for bit in parallel and in sequence.
         """
         hooks = self.attack.hooks
         metrics: dict[str, float] = {}
@@ -165,7 +165,7 @@ class Trainer:
 
     @property
     def _has_cores(self) -> bool:
-        """Whether there is a second core for this process; a GPU's queue is one anyway."""
+        """True if this process has a second core; False with a GPU, whose queue is sequential anyway."""
         threads = self.world.threads(self.config.threads) or usable_cpus()
         return self.device.type == "cpu" and min(threads, usable_cpus()) > 1
 

@@ -80,12 +80,12 @@ class Bundle(gymnasium.Env[Any, Any]):
     def close(self) -> None:
         """Close the environments."""
         for env in self._envs:
-            with suppress(Exception):  # at the end nobody can do anything about it
+            with suppress(Exception):  # too late to handle while closing
                 env.close()
         self._envs = []
 
     def picture(self, game: int) -> Any:
-        """What ``render`` of one environment gives, or in one line why it gives nothing."""
+        """Result of ``render`` of one environment, or a one-line reason why there is none."""
         try:
             with prints_to_stderr():
                 return self._envs[game].render() if self._envs else None
@@ -166,10 +166,10 @@ def numbers(rewards: list[list[Any]], seats: tuple[Seat, Seat]) -> Array:
 
 
 def said_winner(infos: Any, seats: tuple[Seat, Seat]) -> int:
-    """Who the agents' infos say has won.
+    """Winner according to the agents' infos.
 
     Raises:
-        ValueError: infos are no dicts, or say something else than yes or no.
+        ValueError: infos are no dicts, or ``winner`` is no bool.
     """
     said = []
     for seat in seats:

@@ -24,10 +24,10 @@ PRIZE = 1000.0
 
 
 class PettingZooGame(Game):
-    """``num_envs`` environments; a game ends as they say, at ``max_steps``, or when a number is not finite.
+    """``num_envs`` environments; a game ends with its environment, at ``max_steps``, or on NaN or infinity.
 
-    An environment's rewards are the dense stream. Every game has a seed of its own, drawn here, so neither
-    the number of workers nor the other games matter to it.
+    An environment's rewards are the dense stream. Every game has its own seed, drawn here, so results
+    depend neither on the number of workers nor on the other games.
 
     Args:
         num_envs: number of games.
@@ -36,7 +36,7 @@ class PettingZooGame(Game):
         target: ``"module:callable"``.
 
     Raises:
-        ConfigError: the target is missing or not a game of two.
+        ConfigError: the target is missing or not a two-player game.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class PettingZooGame(Game):
 
     @property
     def packages(self) -> tuple[str, ...]:
-        """PettingZoo and whatever brought the module."""
+        """Versions of PettingZoo and of the distribution with the module."""
         return ("pettingzoo", *self._maker.packages)
 
     @property
@@ -146,10 +146,10 @@ class PettingZooGame(Game):
         self._observations = (saved[0], saved[1])
 
     def render(self, row: int, width: int, height: int, colours: tuple[Colour, Colour]) -> Array:
-        """See :class:`apil_core.Game`; the environment draws with colours of its own.
+        """See :class:`apil_core.Game`; the environment ignores ``colours``.
 
         Raises:
-            ApilError: it does not draw.
+            ApilError: it returns no picture.
         """
         try:
             return fitted(self._bundles.picture(row), width, height)
@@ -198,7 +198,7 @@ class PettingZooGame(Game):
         return first, second
 
     def _take(self, shown: dict[str, Array], rows: Array) -> None:
-        """New arrays, so that those handed out keep their content."""
+        """Allocate new arrays, so that those returned earlier keep their content."""
         first, second = (
             np.where(rows[:, None], shown[f"observation_{side}"], self._observations[side]) for side in (0, 1)
         )
@@ -231,7 +231,7 @@ class PettingZooGame(Game):
         )
 
     def _winner(self, shown: dict[str, Array], ended: Array) -> Array:
-        """Who would win every game if it ended now, (n,); ``ended`` marks those the environment ended."""
+        """Winner of every game if it ended now, (n,); ``ended`` marks those the environment ended."""
         if self._winner_by == "reward":
             first, second = self._totals
             return np.select([first > second, second > first], [0, 1], NO_WINNER)

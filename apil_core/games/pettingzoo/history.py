@@ -1,4 +1,4 @@
-"""What every current game was started with and what was done in it: enough to play it again."""
+"""Seeds and actions of every current game, from which it can be replayed."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class History:
 
     @property
     def empty(self) -> bool:
-        """Whether there never was a game."""
+        """True if no game was started yet."""
         return bool((self.seeds < 0).all())
 
     def begin(self, mask: Array, seeds: Array) -> None:
@@ -46,7 +46,7 @@ class History:
         return first, second
 
     def state_dict(self, clock: Array) -> dict[str, Any]:
-        """What is needed up to ``clock``."""
+        """The part of the history up to ``clock``."""
         length = int(clock.max(initial=0))
         actions = {str(side): _storable(kept[:length]) for side, kept in enumerate(self._actions)}
         return {"seeds": self.seeds.copy(), "actions": actions}

@@ -53,7 +53,7 @@ class Maker:
 
     @property
     def callable(self) -> Any:
-        """What the target names; imports the module if need be."""
+        """The callable that the target names; imports its module."""
         module, _, attribute = self.target.partition(":")
         with prints_to_stderr():
             if module in sys.modules or self.file is None or importlib.util.find_spec(module):
@@ -62,7 +62,7 @@ class Maker:
 
     @property
     def packages(self) -> tuple[str, ...]:
-        """Distributions with that module's top-level package; none for a file of one's own."""
+        """Distributions with that module's top-level package; none for a user's file."""
         return tuple(_distributions().get(self.target.partition(".")[0].partition(":")[0], ()))
 
     def checked(self) -> ParallelEnv:

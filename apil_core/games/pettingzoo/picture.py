@@ -1,4 +1,4 @@
-"""What an environment's ``render()`` gives, as a picture of the size asked for."""
+"""Conversion of an environment's ``render()`` to a picture of a given size."""
 
 from __future__ import annotations
 

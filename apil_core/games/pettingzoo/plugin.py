@@ -27,7 +27,7 @@ def register_games() -> list[GameSpec]:
 
 
 def pettingzoo_spec(target: str, **fields: Any) -> GameSpec:
-    """The spec of one PettingZoo environment, for plugins that know its sides and its victim.
+    """The spec of one PettingZoo environment, for plugins that register its sides and its victim.
 
     Args:
         target: ``"module:callable"``.

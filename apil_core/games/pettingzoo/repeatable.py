@@ -1,4 +1,4 @@
-"""Whether a seed decides a game: without that no result could be repeated and no run resumed."""
+"""Check that a seed determines a game: otherwise no result could be repeated and no run resumed."""
 
 from __future__ import annotations
 

@@ -26,11 +26,11 @@ from apil_core.common.errors import ConfigError
 
 
 class Actions(ABC):
-    """How an action of ours becomes one of the environment.
+    """Conversion of a flat action to one of the environment.
 
     Attributes:
-        size: length of our action.
-        bound: our actions lie within ±bound; infinite for scores, which would tie where they are clipped.
+        size: length of the flat action.
+        bound: flat actions lie within ±bound; infinite for scores, which would tie where they are clipped.
         shape, dtype: of the environment's action.
     """
 
@@ -178,7 +178,7 @@ def _leaves(space: Space[Any]) -> Iterator[Space[Any]]:
 
 
 def _parts(space: Space[Any], value: Any) -> Iterator[Any]:
-    """What an observation has for each of :func:`_leaves`; too few or many where it has other parts."""
+    """Parts of an observation for each of :func:`_leaves`; of another number if its structure differs."""
     if isinstance(space, Dict | Tuple):
         parts = dict(space.spaces.items() if isinstance(space, Dict) else enumerate(space.spaces))
         given = value if isinstance(space, Dict) else dict(enumerate(value))
@@ -242,7 +242,7 @@ class Seat:
         return self.columns.size
 
     def layout(self, opponent_channels: tuple[int, ...]) -> SideLayout:
-        """This seat as the core sees it; the parts of a ``Dict`` observation are its blocks.
+        """Layout of this seat; the parts of a ``Dict`` observation are its blocks.
 
         Raises:
             ConfigError: a channel lies outside the observation.

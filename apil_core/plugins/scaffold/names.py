@@ -1,4 +1,4 @@
-"""The names of a new plugin: as typed, as Python wants it, and as APIL calls it."""
+"""The names of a new plugin: as typed, for Python, and in APIL."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _WORD = re.compile(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*")
 
 @dataclass(frozen=True)
 class Names:
-    """What one name becomes; ``my-attack`` and ``my_attack`` become the same.
+    """Names derived from one name; the same for ``my-attack`` and ``my_attack``.
 
     Attributes:
         kind: of plugin.
-        typed: as the user typed it; the directory is called so.
+        typed: as the user typed it; also the directory's name.
     """
 
     kind: Kind
@@ -44,7 +44,7 @@ class Names:
 
     @property
     def registered(self) -> str:
-        """What ``--method`` or ``--env`` takes, or the scheme of a victim: spelt as the built-in ones are."""
+        """Name for ``--method`` or ``--env``, or the scheme of a victim: spelt like the built-in ones."""
         return self.identifier if self.kind == "method" else self.slug
 
     @property
@@ -54,7 +54,7 @@ class Names:
 
     @property
     def distribution(self) -> str:
-        """What pip calls it, ``apil-my-attack``."""
+        """Name of the distribution for pip, ``apil-my-attack``."""
         return f"apil-{self.slug}"
 
     @property
@@ -64,10 +64,10 @@ class Names:
 
 
 def new_names(kind: Kind, typed: str, plugins: PluginRegistry) -> Names:
-    """The names of a new plugin, free of what Python and the installed plugins use.
+    """The names of a new plugin; none is used by Python or the installed plugins.
 
     Raises:
-        ConfigError: the name is none, or taken; says by what.
+        ConfigError: the name is invalid, or taken; the message says by what.
     """
     if not _WORD.fullmatch(typed):
         raise ConfigError(
@@ -83,7 +83,7 @@ def new_names(kind: Kind, typed: str, plugins: PluginRegistry) -> Names:
 
 
 def _like(typed: str, kind: Kind) -> str:
-    """A name that would do and looks like what was typed."""
+    """A valid name similar to the typed one."""
     apart = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", typed).lower()
     word = re.sub(r"[^a-z0-9]+", "-", apart).strip("-0123456789")[:LONGEST].rstrip("-")
     return word if _WORD.fullmatch(word) and not keyword.iskeyword(word) else f"my-{kind}"
@@ -102,7 +102,7 @@ def _check_python(names: Names) -> None:
 
 
 def _importable(module: str) -> bool:
-    """Whether there is a module of that name; a mere directory, which Python would take too, is none."""
+    """True if there is a module of that name; a directory alone, which Python accepts too, does not count."""
     try:
         spec = importlib.util.find_spec(module)
     except ValueError:  # of something imported without a spec
@@ -111,7 +111,7 @@ def _importable(module: str) -> bool:
 
 
 def _check_offers(names: Names, plugins: PluginRegistry) -> None:
-    """Nothing there may be called so, however its words are joined."""
+    """Check that no registered name equals it, hyphens and underscores considered the same."""
     taken: dict[str, Iterable[str]] = {
         "method": (*plugins.methods, *plugins.observers),  # they share the section options
         "game": plugins.games,

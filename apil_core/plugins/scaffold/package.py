@@ -1,4 +1,4 @@
-"""Writing a new plugin package: templates filled in, the directory there whole or not at all."""
+"""Writing a new plugin package from templates; the directory appears complete or not at all."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Written:
 
     @property
     def commands(self) -> tuple[str, str, str]:
-        """What to do next: install it, test it, run it."""
+        """Commands to run next: install, test, run."""
         return (
             f"python -m pip install -e {shlex.quote(f'{self.shown}[test]')}",
             f"python -m pytest {shlex.quote(str(self.shown))}",
@@ -68,7 +68,7 @@ def write_package(names: Names, out: Path | None = None, seat: Seat | None = Non
     _check_place(shown, directory)
     try:
         files = _write(names, seat, directory)
-    except OSError as error:  # full, or somebody else's file since
+    except OSError as error:  # disk full, or another process created the file meanwhile
         raise ConfigError(f"{shown} cannot be written: {error.strerror or error}") from error
     return Written(names, directory, tuple(files), shown)
 
@@ -86,7 +86,7 @@ def _write(names: Names, seat: Seat | None, directory: Path) -> list[str]:
         if seat is not None:
             runpy.run_path(str(made / "make_weights.py"), run_name="__main__")
         files = sorted(file.relative_to(made).as_posix() for file in made.rglob("*") if file.is_file())
-        if directory.is_dir():  # empty, as just seen; kept, since it may be where the user is
+        if directory.is_dir():  # empty, as just checked; kept, as it may be the user's current directory
             for child in made.iterdir():
                 child.rename(directory / child.name)
         else:
@@ -132,7 +132,7 @@ def _environment() -> Environment:
 
 
 def _check_place(shown: Path, directory: Path) -> None:
-    """Nothing is overwritten, and what cannot be written is told before anything is."""
+    """Check before the first write that nothing would be overwritten and everything can be written."""
     if directory.exists() and not directory.is_dir():
         raise ConfigError(f"{shown} exists and is a file; choose another --out")
     try:

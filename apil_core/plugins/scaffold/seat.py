@@ -16,10 +16,10 @@ class Seat:
 
     Attributes:
         env: the game.
-        side: what it sees and does.
+        side: sizes of its observation and action.
         index: 0 or 1.
         attacked: whether that side is attacked by default.
-        rival: the game's default victim, if that sits here, else empty.
+        rival: the game's default victim if it plays this side, else empty.
     """
 
     env: str
@@ -30,7 +30,7 @@ class Seat:
 
     @property
     def hand_made(self) -> bool:
-        """Whether the template has weights that play: of toy-pursuit's evader only."""
+        """True if the template has trained weights: for toy-pursuit's evader only."""
         return (self.env, self.side.name) == ("toy-pursuit", "evader")
 
 

@@ -1,7 +1,7 @@
-"""torch's zip archives, read without trust: checked here, and put together anew for torch to read.
+"""torch's zip archives, untrusted: checked here, and rebuilt for torch to read.
 
-Two readers of zip files can see different files in one archive. What torch gets is therefore not the
-file, but an archive made of what was checked.
+Two readers of zip files can see different files in one archive. torch therefore does not read the
+original file, but an archive built from the checked contents.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
-"""A network of other people's as a policy: one convention for TorchScript, torch.export, ONNX and Python.
+"""A third-party network as a policy: one calling convention for TorchScript, torch.export, ONNX and Python.
 
-A network takes what it reads, then its states, and gives its action, then its new states::
+A network takes its inputs, then its states, and returns its action, then its new states::
 
     forward(observation, *states) -> (action, *states)
     forward(observation, *states) -> (mean, log_std, *states)
 
 All float32: observation (n, o), action and mean (n, a), log_std (a,) or (n, a), each state (n, k).
 With one action, a second output (n, 1) that depends on the observation may be a value as well: it is refused
-unless the :class:`Signature` gives ``log_std``. States are zero where a game starts. What deviates from
-``forward(observation)`` is said by a :class:`Signature`, JSON that travels in the file.
+unless the :class:`Signature` gives ``log_std``. States are zero where a game starts. Deviations from
+``forward(observation)`` are declared by a :class:`Signature`, JSON stored in the file.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ Call = Callable[[list[Tensor]], Any]
 
 
 class Signature(BaseModel):
-    """What a network's file says of it; every key may be missing.
+    """Metadata in a network's file; every key may be missing.
 
     Attributes:
         reads: inputs before the states, in order: ``observation``, ``opponent`` (the other side's),
-            ``opponent_action`` (only for who acts second), ``first`` (n, 1): 1 where a game starts.
-        gives: outputs before the states, where the file would leave open what they are.
+            ``opponent_action`` (only for the second mover), ``first`` (n, 1): 1 where a game starts.
+        gives: outputs before the states, where they would be ambiguous.
         state: widths of the states.
         observation_size, action_size: of the side it plays.
         action_bounds: lowest and highest action; a seat must have the same.
-        provenance: where it came from, for people.
+        provenance: origin, as text.
     """
 
     model_config = ConfigDict(extra="forbid", ser_json_inf_nan="constants")
@@ -61,10 +61,10 @@ class Signature(BaseModel):
 
     @classmethod
     def read(cls, text: str | bytes | None, name: str) -> Signature:
-        """From the JSON in a file; a missing one says nothing.
+        """Parse the JSON in a file; if there is none, every key is missing.
 
         Raises:
-            VictimError: it is not what it should be.
+            VictimError: it is no valid signature.
         """
         try:
             return cls() if not text else cls.model_validate_json(text)
@@ -86,17 +86,17 @@ def refuse_values(name: str, outputs: Sequence[str]) -> None:
 
 
 class NetworkPolicy(Policy):
-    """Acts by calling a network. What the signature leaves open is found by calling it once.
+    """A policy that calls a network. Unspecified parts of the signature are inferred from one call.
 
     Args:
         origin: name and hash.
         call: the network, on the CPU.
-        signature: what it reads, and its states.
-        seat: it is wanted for, whose sizes it must have where it does not state its own.
-        move: puts the network on a device; ``None``: it stays on the CPU, and tensors travel.
+        signature: its inputs and states.
+        seat: of the policy; gives the sizes if the network does not state its own.
+        move: moves the network to a device; ``None``: it stays on the CPU, and tensors are copied.
 
     Raises:
-        VictimError: it cannot be called with what its seat sees, or gives something else than actions.
+        VictimError: it cannot be called with its seat's observations, or does not return actions.
     """
 
     def __init__(
@@ -218,5 +218,5 @@ class NetworkPolicy(Policy):
         return dict(self._memory.rows)
 
     def load_recurrent_state(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`recurrent_state` gave; an empty one forgets all games."""
+        """Restore the result of :meth:`recurrent_state`; an empty one resets all games."""
         self._memory.load(state, self._home)

@@ -64,7 +64,7 @@ def _with_weights(origin: Origin) -> Origin:
 
 
 def _locations(message: Message) -> Iterator[str]:
-    """Files that the tensors in a message name, wherever they are; onnx's own helper misses sparse ones."""
+    """External files referenced by tensors in a message; onnx's own helper misses sparse tensors."""
     for field, value in message.ListFields():
         if field.message_type is not None:
             for part in [value] if isinstance(value, Message) else value:
@@ -79,7 +79,7 @@ def _session(origin: Origin, runtime: Any) -> Any:
     options.log_severity_level = 4
     try:
         return runtime.InferenceSession(str(origin.path), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime has a dozen kinds of its own
+    except Exception as error:  # onnxruntime has a dozen exception types
         raise origin.wrong(KIND, reason_of(error)) from error
 
 

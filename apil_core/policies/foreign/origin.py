@@ -1,4 +1,4 @@
-"""Which file a policy came from, and what is wrong with it. Imports no torch."""
+"""The file a policy was loaded from, and errors about it. Imports no torch."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from apil_core.common.files import sha256
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a policy came from.
+    """Origin of a policy.
 
     Attributes:
         name: full name of the policy, by which it can be loaded again.
@@ -38,5 +38,5 @@ class Origin:
             raise VictimError(f"{scheme}:{file}: {path}: {reason}; expected {scheme}:FILE") from error
 
     def wrong(self, expected: str, found: str) -> VictimError:
-        """The error that says what is wrong with the file."""
+        """Error about the file."""
         return VictimError(f"{self.name}: expected {expected}, found {found}")

@@ -1,4 +1,4 @@
-"""The door through which other people's policies come in; imports neither torch nor mujoco."""
+"""Plugin that registers loaders of third-party policies; imports neither torch nor mujoco."""
 
 from __future__ import annotations
 

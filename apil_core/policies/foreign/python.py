@@ -1,4 +1,4 @@
-"""``python:MODULE:CALLABLE``: a policy from the user's own code, which loading and acting run."""
+"""``python:MODULE:CALLABLE``: a policy from user code, which loading and acting execute."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from apil_core.policies.foreign.origin import Origin
 
 
 def load(name: str, *, seat: SideLayout | None) -> Policy:
-    """What the callable makes, or the callable itself.
+    """The object that the callable returns, or the callable itself.
 
     A callable whose first parameter is called ``seat`` is called once with the
     :class:`apil_core.SideLayout` and returns a :class:`apil_core.Policy`, or a function. A function is
@@ -53,7 +53,7 @@ def load(name: str, *, seat: SideLayout | None) -> Policy:
 def _found(name: str, module_name: str, attribute: str) -> Any:
     here = os.getcwd()
     if here not in sys.path:
-        sys.path.append(here)  # last: files of the user's shall not hide libraries that come later
+        sys.path.append(here)  # appended: user files must not shadow libraries imported later
     try:
         with redirect_stdout(sys.stderr):  # stdout is for results
             target = attrgetter(attribute)(importlib.import_module(module_name))
@@ -75,7 +75,7 @@ def _wants_seat(target: Any) -> bool:
 
 
 def _guarded(origin: Origin, what: str, call: Callable[[], Any]) -> Any:
-    """Call user code; whatever it raises becomes one line with its name."""
+    """Call user code; any exception becomes a one-line error with the policy's name."""
     try:
         with redirect_stdout(sys.stderr):
             return call()

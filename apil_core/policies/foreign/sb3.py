@@ -1,8 +1,7 @@
 """``sb3:FILE.zip``: an agent saved by Stable-Baselines3 or sb3-contrib, with ``MlpPolicy``.
 
-Neither stable_baselines3 nor pickle is used: the plain JSON in the archive's ``data`` says what was
-trained (the pickles beside it are passed over), and ``policy.pth`` is read with torch's
-``weights_only=True``.
+Neither stable_baselines3 nor pickle is used: the plain JSON in the archive's ``data`` describes the agent
+(the pickles in it are ignored), and ``policy.pth`` is read with torch's ``weights_only=True``.
 """
 
 from __future__ import annotations
@@ -33,13 +32,13 @@ MAX_BYTES = 1 << 28
 
 @dataclass(frozen=True)
 class Facts:
-    """What the plain JSON says of an agent.
+    """Description of an agent in the plain JSON.
 
     Attributes:
         observation_size, action_size: of its spaces; a ``Discrete`` action has a score per choice.
         action_bounds: of its action space; infinite for scores.
         module: of the policy's class.
-        squashes: whether ARS's actions end in a tanh.
+        squashes: True if ARS's actions end in a tanh.
         activation: name of the class between layers, or ``None``: the algorithm's default.
     """
 
@@ -139,7 +138,7 @@ def _box(origin: Origin, data: Mapping[str, Any], key: str) -> tuple[int, Mappin
     """Size and readable part of a space, which must be a one-dimensional ``Box``."""
     space = data.get(key)
     kind = str(space.get(":type:", "nothing")) if isinstance(space, dict) else "nothing"
-    # without the underscore: gym before 0.21, hence Stable-Baselines3 up to 1.3
+    # without the underscore: gym before 0.21, so Stable-Baselines3 up to 1.3
     shape = space.get("_shape", space.get("shape")) if isinstance(space, dict) else None
     fits = isinstance(shape, list) and len(shape) == 1 and isinstance(shape[0], int)
     if not kind.endswith(".Box'>") or not fits:

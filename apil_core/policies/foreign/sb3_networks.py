@@ -23,12 +23,12 @@ _LOG_STD = (-20.0, 2.0)
 
 
 class Layers(NamedTuple):
-    """Where an actor's linear layers stand in ``policy.pth``.
+    """Names of an actor's linear layers in ``policy.pth``.
 
     Attributes:
         hidden: prefixes of numbered layers, in order.
         head: the last layer, or ``None``: the last of the numbered ones.
-        activation: between them, if not told otherwise.
+        activation: between them, by default.
     """
 
     hidden: tuple[str, ...]
@@ -62,8 +62,8 @@ def make_policy(
         info: with sizes and action bounds.
         weights: ``policy.pth``.
         module: of the policy's class, one of :data:`KNOWN`.
-        activation: between layers; ``None``: what the algorithm takes if not told otherwise.
-        squashes: whether ARS's actions end in a tanh.
+        activation: between layers; ``None``: the algorithm's default.
+        squashes: True if ARS's actions end in a tanh.
 
     Raises:
         VictimError: these are not the weights of such a policy, or not all of its actor's are used.

@@ -1,8 +1,8 @@
 """``torch-export:FILE.pt2``: a network saved with ``torch.export.save``.
 
 torch's own loader unpickles parts of such a file, evaluates its size expressions and compiles names from
-it into Python. So it never sees the file: it gets an archive made of the graph, with everything in it
-checked against what a network of tensor operators needs, and the raw bytes of the weights.
+it into Python. It therefore does not read the original file, but an archive rebuilt from the graph, checked
+against the needs of a network of tensor operators, and the raw bytes of the weights.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def _without(value: Any, keys: tuple[str, ...]) -> Any:
 
 
 def _strings(value: Any, key: str = "", place: str = "") -> Iterator[tuple[str, str, str]]:
-    """Every text in nested data, keys included: where it is, the key it stands under, and itself."""
+    """Every string in nested data, keys included: its path, the key it belongs to, and the string."""
     if isinstance(value, str):
         yield place, key, value
     elif isinstance(value, dict):
@@ -100,7 +100,7 @@ def _strings(value: Any, key: str = "", place: str = "") -> Iterator[tuple[str, 
 
 
 def _harmless(key: str, value: str) -> bool:
-    """Whether a text under ``key`` can only be what that key is for."""
+    """True if a string under ``key`` is a valid value of that key."""
     if key == "as_string":  # an operator's argument: never more than a text
         return True
     if key in ("target", "as_operator"):

@@ -1,7 +1,7 @@
 """``torchscript:FILE``: a network saved with ``torch.jit``.
 
-A TorchScript archive runs in torch's own interpreter, which knows tensors and no Python. A few of its
-operators reach files, and may run while the archive is loaded: code that names one is refused.
+A TorchScript archive runs in torch's own interpreter, which executes tensor operators and no Python. A few
+of them access files, and may run while the archive is loaded: code that names one is refused.
 """
 
 from __future__ import annotations

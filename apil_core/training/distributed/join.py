@@ -85,7 +85,7 @@ def in_contact() -> Iterator[None]:
 
 
 def _in_exchange(traceback: TracebackType | None) -> bool:
-    """Whether the error arose in torch's own code for exchanges."""
+    """True if the error was raised in torch's code for collectives."""
     home = Path(torch.__file__).parent / "distributed"
     innermost = ""
     while traceback is not None:

@@ -14,9 +14,9 @@ from apil_core.training.normalize import ObservationNormalizer, RunningMoments
 def pooled(mean: Tensor, var: Tensor, count: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Mean and variance of all samples of N processes together, by the law of total variance.
 
-    Each process goes on from what was pooled last, so that the samples up to then are in all N of them.
-    Hence the count is the *mean* of the counts: it then stands for N times as many samples, the old ones
-    keep their weight against new ones, and pooling again is exact.
+    Each process continues from the last pooled statistics, so the samples up to then are in all N of them.
+    The count is therefore the *mean* of the counts: it represents N times as many samples, old samples keep
+    their weight relative to new ones, and pooling again is exact.
 
     Args:
         mean, var: of each process, (N, k).

@@ -1,7 +1,7 @@
-"""Keeping what methods learn equal in all processes, whatever they are made of (docs/distributed.md).
+"""Synchronisation of methods' learnt state between processes, for any method (docs/distributed.md).
 
-Plugins know nothing of processes: each process's methods learn from its own games, and once per iteration
-their weights, optimisers and statistics are made the same again ("local SGD", Stich 2019).
+Plugins need no code for this: each process's methods learn from its own games, and once per iteration
+their weights and optimisers are averaged and their statistics pooled ("local SGD", Stich 2019).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from apil_core.training.normalize import ObservationNormalizer, ReturnNormalizer
 Part = nn.Module | Optimizer
 
 _NOT_AVERAGED = (RunningMoments, ObservationNormalizer, ReturnNormalizer)
-"""Whose buffers are pooled, follow from what is pooled, or belong to single games."""
+"""Modules whose buffers are pooled, derived from pooled ones, or specific to single games."""
 
 
 def parts(value: Any) -> list[Part]:

@@ -63,7 +63,7 @@ class World:
 
     @property
     def is_main(self) -> bool:
-        """Whether this is the first process."""
+        """True for the first process."""
         return self.rank == 0
 
     @property
@@ -83,7 +83,7 @@ class World:
         return {"global_rank": self.rank, "local_rank": self.local_rank, "world_size": self.size}
 
     def seed(self, seed: int) -> int:
-        """This process's seed for a run's ``seed``: that one for the first, others of their own."""
+        """This process's seed, derived from a run's ``seed``: equal to it in the first process."""
         if self.is_main:
             return seed
         from apil_core.common.seeds import stream_seed
@@ -97,7 +97,7 @@ class World:
         return max(1, (os.cpu_count() or 1) // self.local_size)
 
     def device(self, name: str) -> str:
-        """The device of this process: with CUDA each process has a GPU of its own.
+        """The device of this process: with CUDA one GPU per process.
 
         Raises:
             ConfigError: this machine has fewer GPUs than processes.

@@ -109,7 +109,7 @@ def load_file(
         provenance = dict(json.loads(metadata["provenance"]))
     except (SafetensorError, OSError, *_ODD) as error:
         raise origin.wrong(f"a file of format {FORMAT}", f"a damaged one ({reason_of(error)})") from error
-    if seat and seat.discrete:  # files older than unbounded scores say ±10
+    if seat and seat.discrete:  # files from before unbounded scores have ±10
         trained = replace(trained, action_low=seat.action_low, action_high=seat.action_high)
     if seat not in (None, trained):
         raise ConfigError(f"{origin.name} is the {trained.name} of {config.env}; this is another seat")

@@ -1,8 +1,8 @@
 """Export of a run's adversary as one file that other programs, or ``apil`` itself, can load.
 
-ONNX and TorchScript files hold the whole way from raw observations to the action's distribution:
-methods' modules (APIL's imitator), normalisation, actor. What the network reads besides its own
-observation (the opponent's, for APIL) becomes a further input, named in the file's signature.
+ONNX and TorchScript files contain everything from raw observations to the action's distribution:
+methods' modules (APIL's imitator), normalisation, actor. Inputs besides the own observation (the
+opponent's, for APIL) are further inputs of the network, named in the file's signature.
 """
 
 from __future__ import annotations

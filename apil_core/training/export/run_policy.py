@@ -75,14 +75,14 @@ class RunCheckpoint:
     def policy(
         self, config: RunConfig, layout: GameLayout, plugins: PluginRegistry, seed: int, name: str
     ) -> tuple[AdversaryPolicy, int]:
-        """The adversary, on ``config.device``, and how many steps it was trained for.
+        """The adversary, on ``config.device``, and the number of steps it was trained for.
 
         Args:
-            config: the run's, perhaps on another device.
+            config: the run's, possibly on another device.
             layout: of its game.
-            plugins: know its method.
+            plugins: registry with its method.
             seed: of the generator its stochastic hooks draw from.
-            name: what to call the policy.
+            name: of the policy.
 
         Raises:
             RunDirError: the checkpoint is damaged, or of another run.
@@ -110,8 +110,8 @@ def load(name: str, *, seat: SideLayout | None, plugins: PluginRegistry, device:
 
     Args:
         name: directory of the run, or one of its checkpoints.
-        seat: it is wanted for.
-        plugins: know its method, unless the run names one-file plugins: those are loaded.
+        seat: of the policy.
+        plugins: registry with its method, unless the run names one-file plugins: those are loaded.
         device: of the networks.
 
     Raises:

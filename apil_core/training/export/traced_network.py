@@ -34,7 +34,7 @@ class _Whole(nn.Module):
         super().__init__()
         self.actor = policy.actor
         self.normalizers = policy.builder.normalizers
-        # so that tracing knows the plugins' weights for weights
+        # so that tracing treats the plugins' weights as parameters
         for name, plugin in policy.hooks.of(RunPlugin).items():
             for key, part in vars(plugin).items():
                 if isinstance(part, nn.Module):
@@ -52,7 +52,7 @@ class _Whole(nn.Module):
 
 
 class _Reading(nn.Module):
-    """Another network that takes only those inputs the signature names; zeros stand for the rest."""
+    """Wrapper of a network that takes only the inputs in the signature; the others are zeros."""
 
     def __init__(self, whole: nn.Module, reads: tuple[Reads, ...], widths: tuple[int, ...]):
         super().__init__()
@@ -77,8 +77,8 @@ class Traced:
     """An adversary as a network.
 
     Attributes:
-        network: takes what ``signature.reads`` says, gives mean and log standard deviation.
-        signature: goes into the file.
+        network: takes ``signature.reads``, returns mean and log standard deviation.
+        signature: written to the file.
         inputs: an example, two games.
     """
 

@@ -22,7 +22,7 @@ MAY_CHANGE = (
     *("steps", "threads", "device", "recorders", "checkpoint", "evaluation", "plugins", "init_from"),
     *("log_rows", "trust", "victim_sha256"),  # the latter is compared with the weights themselves
 )
-"""Sections of a config that a run may change when it goes on."""
+"""Sections of a config that may change on resume."""
 
 POLICY_KEYS = ("method", "env", "ppo", "options", "victim_side")
 """Sections that decide what the adversary's networks look like and read."""
@@ -83,7 +83,7 @@ def check_same_run(state: dict[str, Any], config: RunConfig, plugins: PluginRegi
     Args:
         state: the checkpoint.
         config: the run's.
-        plugins: know what keys mean that the checkpoint's lacks.
+        plugins: registry with the meaning of keys that the checkpoint lacks.
         path: of the checkpoint, for the message.
 
     Raises:
@@ -143,10 +143,10 @@ def check_same_settings(
 
 
 def check_same_world(state: dict[str, Any], world: World, path: Path) -> None:
-    """Each process goes on with its own games, so there must be as many as before.
+    """Check that there are as many processes as before: each resumes its own games.
 
     Raises:
-        RunDirError: there are not.
+        RunDirError: the number differs.
     """
     before = World(size=state.get("processes", 1))  # older ones lack the key
     if before.size != world.size:

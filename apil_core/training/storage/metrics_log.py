@@ -1,6 +1,6 @@
 """Rows of a run's log: one per iteration or, in runs of very many iterations, one for every k of them.
 
-What a row says stays true at any k: curves, listings and TensorBoard read merged rows like single ones.
+Rows have the same meaning at any k: curves, listings and TensorBoard read merged rows like single ones.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ _PER_GAME = ("return/", "episode_length")
 
 
 class Recorder(Protocol):
-    """A sink for metrics, as ``register_recorders`` offers them.
+    """A sink for metrics, see ``register_recorders``.
 
-    One may also have ``summarize(scores)``, which gets the final scores (``final/win`` and the like), and
-    ``dispensable = True``: if it fails, the run goes on without it.
+    Optional members: ``summarize(scores)``, which gets the final scores (``final/win`` etc.), and
+    ``dispensable = True``: if it fails, the run continues without it.
     """
 
     def record(self, metrics: Mapping[str, float]) -> None:
@@ -55,21 +55,21 @@ def iterations_per_row(config: RunConfig) -> int:
 
 
 class RowLog:
-    """Gathers iterations into rows and hands these to the recorders.
+    """Merges iterations into rows and passes these to the recorders.
 
     A row ends with every k-th iteration, counted from the run's first, and with every evaluation, so that a
-    score stands at its own steps. Rows therefore depend on the course of the run alone, not on when it was
-    stopped: :attr:`pending` goes into the checkpoint, and the row that an end leaves short is written again,
-    whole, by a run that goes on (see :func:`iterations_in_rows`).
+    score is logged at its own steps. Rows therefore depend only on the run's history, not on when it was
+    stopped: :attr:`pending` is stored in the checkpoint, and a row cut short by the end of a session is
+    written again, in full, on resume (see :func:`iterations_in_rows`).
 
     Args:
-        recorders: who gets the rows.
-        every: k, at least 1. At 1 rows are the iterations' metrics, untouched.
+        recorders: that receive the rows.
+        every: k, at least 1. At 1 rows are the iterations' metrics, unchanged.
         pending: metrics of iterations that are in no row yet, from a checkpoint.
         note: called with one line when a dispensable recorder fails.
 
     Attributes:
-        pending: as the argument, by now; each with its number of environment steps as ``row_steps``.
+        pending: as the argument, current; each with its number of environment steps as ``row_steps``.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class RowLog:
             self._write()
 
     def summarize(self, scores: Mapping[str, float]) -> None:
-        """Write what is pending, and hand the final scores to the recorders that want them."""
+        """Write pending iterations, and pass the final scores to recorders with ``summarize``."""
         if self.pending:
             self._write()
         for recorder in self.recorders.copy():
@@ -125,9 +125,9 @@ class RowLog:
     def _ask(
         self, recorder: Recorder, method: Callable[[Mapping[str, float]], None], row: Mapping[str, float]
     ) -> None:
-        """Call one of a recorder's methods; a dispensable one that fails is asked no more."""
+        """Call one of a recorder's methods; a dispensable one that fails is not called again."""
         try:
-            method(dict(row))  # its own: it may change it
+            method(dict(row))  # a copy: a recorder may modify it
         except FAILURES as error:
             if not getattr(recorder, "dispensable", False):
                 raise

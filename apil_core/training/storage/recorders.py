@@ -48,7 +48,7 @@ class TensorBoardRecorder:
     """Every metric as a scalar over environment steps, in ``<run_dir>/tensorboard``.
 
     Args:
-        run_dir: an existing directory. After a resume a second event file goes on where the first
+        run_dir: an existing directory. After a resume a second event file continues where the first
             ended; points that the first row replaces are hidden (``purge_step``).
     """
 
@@ -98,8 +98,8 @@ def read_metrics(path: Path) -> list[dict[str, float]]:
 def truncate_metrics(path: Path, after_iteration: int) -> None:
     """Drop the lines of iterations later than ``after_iteration``, atomically.
 
-    A run resumed from a checkpoint writes those iterations again; without this they would stand
-    twice in the file. A half-written last line is dropped as well; a missing file stays missing.
+    A run resumed from a checkpoint writes those iterations again; without this they would be in the
+    file twice. A half-written last line is dropped as well; a missing file stays missing.
 
     Args:
         path: the ``metrics.jsonl``.

@@ -67,13 +67,13 @@ class RunDir:
 
     @contextmanager
     def make(self, resume: str) -> Iterator[None]:
-        """Make it on disk, and hold its lock while its first files are written: two may want it at once.
+        """Create the directory, and hold its lock while its first files are written, against races.
 
         Args:
-            resume: command that goes on where it is there.
+            resume: command that resumes an existing run, for the message.
 
         Raises:
-            RunDirError: it exists and is not empty, another process is making it, or it cannot be written.
+            RunDirError: it exists and is not empty, another process is creating it, or it is not writable.
         """
         taken = (
             f"{self.path} exists and is not empty; choose another --out, "
@@ -104,7 +104,7 @@ class RunDir:
         """Append this session (command, versions, host, git) to ``environment.json``."""
         try:
             sessions = read_json(self.environment_path, list) or []
-        except RunDirError:  # only a note: a damaged one must not keep a run from going on
+        except RunDirError:  # informational: a damaged one must not prevent a resume
             self.environment_path.replace(self.environment_path.with_suffix(".json.damaged"))
             sessions = []
         sessions.append(environment(command))
@@ -163,24 +163,24 @@ class RunDir:
         return self.best_path
 
     def abandon_after(self, iteration: int) -> None:
-        """Set aside checkpoints later than ``iteration``: the run goes on from there, on another path."""
+        """Set aside checkpoints later than ``iteration``: the run resumes there and takes another course."""
         for path in self.checkpoints():
             if path.name > self.checkpoint_path(iteration).name:
                 for part in (path, *self._parts(path.name)):
                     part.replace(part.with_name(f"{part.name}.abandoned"))
 
     def retire_result(self, now: int) -> None:
-        """Keep what an earlier end left as ``result-<steps>.json`` and the like: the run goes on.
+        """Rename results of an earlier end to ``result-<steps>.json`` etc., as the run continues.
 
-        Results of ends the run has gone back behind get ``.abandoned``: their scores are not on its course.
+        Results from after the resumed checkpoint get ``.abandoned``: their scores are of a discarded course.
 
         Args:
-            now: environment steps it goes on from.
+            now: environment steps at the resume.
         """
         if self.result_path.is_file():
             try:
                 steps = int((self.result() or {}).get("steps", now))
-            except RunDirError:  # damaged; the run goes on all the same
+            except RunDirError:  # damaged; the run continues nevertheless
                 steps = now
             for path in (self.result_path, self.curve_path, self.won_game_path):
                 if path.is_file():
@@ -205,7 +205,7 @@ class RunDir:
             yield
 
     def prune(self, keep: int) -> None:
-        """Delete all but the newest ``keep`` checkpoints, and parts of those that never became whole."""
+        """Delete all but the newest ``keep`` checkpoints, and parts of incomplete ones."""
         for old in self.checkpoints()[:-keep]:
             old.unlink(missing_ok=True)
         for part in self._parts("iteration-*.pt"):
@@ -213,7 +213,7 @@ class RunDir:
                 part.unlink(missing_ok=True)
 
     def _parts(self, pattern: str) -> list[Path]:
-        """Parts that processes other than the first keep beside checkpoints of that name."""
+        """Files of processes other than the first beside checkpoints of that name."""
         found = self.checkpoint_dir.glob(f"{pattern}.rank*")
         return [part for part in found if part.suffix.removeprefix(".rank").isdecimal()]
 
@@ -249,7 +249,7 @@ class RunDir:
 
     def processes(self) -> int:
         """Number of processes that train it together; 1 if unknown."""
-        # only a note: a damaged one must not keep the run from being read
+        # informational: a damaged one must not make the run unreadable
         with suppress(RunDirError, LookupError, TypeError, ValueError):
             return int(read_json(self.environment_path, list)[-1]["processes"])
         return 1
@@ -313,7 +313,7 @@ class _Score(BaseModel):
 
 
 class _Result(BaseModel):
-    """What listings and benchmarks read of ``result.json``."""
+    """Fields of ``result.json`` that listings and benchmarks read."""
 
     status: str = ""
     steps: int = 0
@@ -359,7 +359,7 @@ def list_runs(root: Path = DEFAULT_ROOT) -> list[RunDir]:
 
 
 def environment(command: Sequence[str]) -> dict[str, Any]:
-    """Everything a number may depend on: command, versions, host and the code's git state."""
+    """Environment that results may depend on: command, versions, host and the code's git state."""
     return {
         "command": list(command),
         "processes": World.here().size,
