@@ -1,4 +1,4 @@
-"""The command line. ``main`` is the console script ``apil``; one file per group of verbs."""
+"""The command line. ``main`` is the console script ``apil``; one file per group of commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``apil analyze``: the verbs that look inside."""
+"""``apil analyze``: analyses of a victim's activations."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ _HOW = Group("How much, and how", sort_key=2)
     },
 )
 class OpponentFlags(PairingFlags):
-    """Whose activations, and in which game."""
+    """Flags for the opponents and the game."""
 
 
 @flags_of(Sampling, {_HOW: tuple(Sampling.model_fields)})
 class SamplingFlags(Flags):
-    """How much is played and looked at."""
+    """Flags for the number of games and the sampling."""
 
 
 def activations(
@@ -113,7 +113,7 @@ app.command(activations)
 
 
 def _places(out: Path | None, picture: Path | None, force: bool) -> tuple[Path | None, Path | None]:
-    """Where document and picture go; checked before minutes of playing."""
+    """Paths of the JSON document and the picture; checked before minutes of playing."""
     from apil_core.common.charts import check_picture
     from apil_core.common.files import check_free, check_place
 

@@ -1,4 +1,4 @@
-"""The tree of verbs. Every verb is imported when it is called, so that ``apil --help`` is instant."""
+"""The command tree. Each command's module is imported when it is called, so that ``apil --help`` is fast."""
 
 from __future__ import annotations
 
@@ -75,12 +75,12 @@ def make_app() -> App:
 
 
 def sub_app(name: str, summary: str) -> App:
-    """A group of verbs (``apil NAME …``) with the same defaults."""
+    """Make a group of commands (``apil NAME …``) with the same defaults."""
     return App(name=name, help=summary, default_parameter=Parameter(negative=()), help_format="plaintext")
 
 
 def read_whole_numbers(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
-    """Take 300k, 35M and 1e6 for any whole number, and nothing else than one: cyclopts would round 1.5."""
+    """Parse 300k, 35M and 1e6 as whole numbers; reject 1.5, which cyclopts would round."""
     for argument in arguments:
         if int not in (argument.hint, *get_args(argument.hint)) or argument.parameter.converter:
             continue

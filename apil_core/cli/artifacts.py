@@ -38,7 +38,7 @@ class RunArtifacts(BaseModel):
 
 
 def make_artifacts(run: RunDir, progress: Progress | None = None) -> RunArtifacts:
-    """Play the games to compare with, draw the learning curve and record a game that the adversary wins.
+    """Play the comparison games, draw the learning curve and record a game that the adversary wins.
 
     Nothing depends on them, so whatever keeps one from being made is a note, not an error.
 

@@ -1,4 +1,4 @@
-"""``apil bench run``: a matrix of runs, from resolving it to the last score."""
+"""``apil bench run``: run a matrix of trainings, from resolving it to the last score."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _ROOT = Path("runs") / "bench"
 @Parameter(name="*")
 @dataclass
 class Placement:
-    """Where jobs run, and how many at a time."""
+    """Flags for the executor and the number of parallel jobs."""
 
     workers: Annotated[
         int | None, Parameter(group=_WHERE, help="Jobs at the same time [default: one per CPU].")
@@ -57,7 +57,7 @@ class Placement:
     ] = None
 
     def share(self) -> tuple[int, int]:
-        """Jobs at a time, and threads for each: as many threads together as there are CPUs.
+        """Number of parallel jobs, and threads per job; by default their product is the number of CPUs.
 
         How many CPUs a cluster has is known to Ray alone: each job gets one there, and 0 workers stand for
         as many as fit.
@@ -75,7 +75,7 @@ class Placement:
         return count, self.threads or max(cpus // count, 1)
 
     def start(self, root: Path) -> Executor:
-        """Processes for the jobs of the benchmark in ``root``."""
+        """Make the executor for the jobs of the benchmark in ``root``."""
         workers, threads = self.share()
         if self.executor == "ray":
             from apil_core.studies.bench.ray_executor import RayExecutor
@@ -161,7 +161,7 @@ def _estimate(
 
 
 def _benchmark(matrix: str, out: Path | None, steps: int | None) -> tuple[BenchDir, Benchmark]:
-    """The directory, and what is to be run in it, all players checked."""
+    """Return the directory and the resolved benchmark, with all players checked."""
     from apil_core.studies.bench.cells import resolve_matrix
     from apil_core.studies.bench.folder import BenchDir
     from apil_core.studies.bench.players import with_full_names
@@ -183,7 +183,7 @@ def _benchmark(matrix: str, out: Path | None, steps: int | None) -> tuple[BenchD
 
 
 def _source(name: str, out: Path | None) -> tuple[Any, Path]:
-    """The matrix, and the directory of its benchmark."""
+    """Return the matrix and the directory of its benchmark."""
     from apil_core.studies.bench.folder import BenchDir
     from apil_core.studies.bench.matrix import load_matrix
 
@@ -196,7 +196,7 @@ def _source(name: str, out: Path | None) -> tuple[Any, Path]:
 
 
 def _same_as_stored(bench: BenchDir, benchmark: Benchmark, named: Collection[str] = ()) -> Benchmark:
-    """The benchmark with the victims its directory has pinned.
+    """Return the benchmark with the victims pinned in its directory.
 
     Args:
         bench: its directory.
@@ -247,7 +247,7 @@ def _same_as_stored(bench: BenchDir, benchmark: Benchmark, named: Collection[str
 
 
 def _occupied(path: Path) -> bool:
-    """Whether more is there than the lock of a benchmark that was killed before it wrote anything."""
+    """Return whether the directory holds more than the lock of a benchmark killed before its first write."""
     return any(entry.name != ".lock" for entry in path.iterdir())
 
 

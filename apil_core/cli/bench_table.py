@@ -1,4 +1,4 @@
-"""What ``apil bench run`` shows: the plan, the live table, and how it ended."""
+"""Displays of ``apil bench run``: the plan, the live table and the result."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ _STOPPING = {
 
 
 class QuietWatch(Watch):
-    """Says nothing, and tidies up when it is closed."""
+    """A watch that prints nothing; resets the terminal when closed."""
 
     def close(self) -> None:
-        """Leave the terminal as it was."""
+        """Restore the terminal."""
 
 
 class LineWatch(QuietWatch):
-    """A line for each job's end, on stderr."""
+    """Prints one line on stderr per finished job."""
 
     def __init__(self, jobs: Sequence[Job], status: JobStatus):
         self._total = len(jobs)
@@ -61,7 +61,7 @@ class LineWatch(QuietWatch):
 
 
 class TableWatch(QuietWatch):
-    """A live table: what runs now, row by row, and how many wait, are done or have failed."""
+    """A live table of running jobs, with counts of waiting, finished and failed ones."""
 
     def __init__(self, jobs: Sequence[Job], status: JobStatus):
         self._jobs = {job.name: job for job in jobs}
@@ -115,7 +115,7 @@ class TableWatch(QuietWatch):
 
 
 def make_watch(jobs: Sequence[Job], status: JobStatus, *, quiet: bool) -> QuietWatch:
-    """The watch that fits ``--quiet`` and the terminal."""
+    """Make the watch for ``--quiet`` and the kind of terminal."""
     if quiet:
         return QuietWatch()
     return TableWatch(jobs, status) if sys.stderr.isatty() else LineWatch(jobs, status)
@@ -139,7 +139,7 @@ def print_plan(
     *,
     as_json: bool,
 ) -> None:
-    """The cells of a matrix and what they will cost."""
+    """Print the cells of a matrix and their estimated cost."""
     states = {cell.name: _state(status, cell) for cell in benchmark.cells}
     others = Counter(job.kind for job in jobs if job.kind != CELL)
     if as_json:
@@ -192,7 +192,7 @@ def _state(status: JobStatus, cell: Cell) -> str:
 
 
 def print_result(result: BenchResult, status: JobStatus, seconds: float, *, as_json: bool) -> None:
-    """How it ended: counts, every failure with its reason, and the next command."""
+    """Print the counts, every failure with its reason, and the next command."""
     bench = status.bench
     failures = {name: bench.failure(name) for name in result.having("failed")}
     counts = Counter(result.states.values())

@@ -1,4 +1,4 @@
-"""``apil bench work``: what the worker processes of ``apil bench run`` run; nobody types it."""
+"""``apil bench work``: the entry point of the worker processes of ``apil bench run``; not for users."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ def work(
 
 
 def _listen() -> None:
-    """Hear Ctrl-C even if we inherited that it is blocked (as Ray does) or ignored (as nohup does)."""
+    """Enable SIGINT where it was inherited blocked (from Ray) or ignored (from nohup)."""
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _follow_supervisor() -> None:
-    """When whoever started this process is gone, its end of the pipe closes: stop as for Ctrl-C."""
+    """Stop as for Ctrl-C when the supervisor is gone, which closes its end of the pipe."""
     while os.read(sys.stdin.fileno(), 4096):  # unbuffered: a buffer's lock would be held when we exit
         pass
     os.kill(os.getpid(), signal.SIGINT)

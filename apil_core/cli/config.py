@@ -99,7 +99,7 @@ def diff(first: str, second: str, /, *, plugin: Plugins | None = None, as_json: 
 
 
 def _checked(file: Path, more: list[Path]) -> tuple[list[str], RunConfig | None]:
-    """What is wrong, a line each; plugins that cannot be loaded are left out for the rest."""
+    """Errors of a config file, one per line; plugins that cannot be loaded do not stop the other checks."""
     from apil_core.config.layers import file_layer
     from apil_core.config.resolve import plugin_files, resolve_layers
     from apil_core.plugins.default_victim import why_absent
@@ -122,7 +122,7 @@ def _checked(file: Path, more: list[Path]) -> tuple[list[str], RunConfig | None]
 
 
 def _layer(name: str) -> Layer:
-    """A preset by name, else a file or run directory."""
+    """Load a preset by name, else a file or run directory."""
     from apil_core.config.layers import file_layer, preset_layer, preset_names
 
     is_path = Path(name).exists() or "/" in name or name.endswith((".yaml", ".yml"))

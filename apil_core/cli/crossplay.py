@@ -36,11 +36,11 @@ WHERE = Group("In which game; the same one for all", sort_key=1)
     },
 )
 class CrossPlayFlags(PairingFlags):
-    """The game of all pairings."""
+    """Flags for the game of all pairings."""
 
 
 def listed(_: Any, tokens: Any) -> list[str]:
-    """Words between commas, of one flag or of several."""
+    """Split comma-separated names, in one flag or several."""
     words = [word.strip() for token in tokens for word in token.value.split(",")]
     if not all(words):
         raise ValueError("an empty word between commas")
@@ -48,7 +48,7 @@ def listed(_: Any, tokens: Any) -> list[str]:
 
 
 def names(text: str, **options: Any) -> Parameter:
-    """A flag that takes words between commas."""
+    """Type of a flag that takes comma-separated names."""
     return Parameter(help=text, converter=listed, negative=(), **options)
 
 
@@ -125,7 +125,7 @@ def _print_json(document: CrossPlay) -> None:
 
 
 def print_crossplay(document: CrossPlay, out: Path | None = None, picture: Path | None = None) -> None:
-    """A row for each adversary and share, a column for each victim; then who they are."""
+    """Print a row per adversary and share, a column per victim, then the players' full names."""
     from apil_core.evaluation.crossplay.document import SHARES, share_of
 
     screen, some = console(), document.played[0]
@@ -160,7 +160,7 @@ def print_crossplay(document: CrossPlay, out: Path | None = None, picture: Path 
 
 
 def _marks(document: CrossPlay) -> dict[tuple[str, str, str], str]:
-    """What a cell does not differ from by more than noise, by share, adversary and victim."""
+    """Cells whose difference is within noise, by share, adversary and victim."""
     from apil_core.evaluation.crossplay.document import comparisons
 
     marks: dict[tuple[str, str, str], list[str]] = {}

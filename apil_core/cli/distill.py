@@ -47,7 +47,7 @@ _HOW = Group("How", sort_key=1)
     },
 )
 class DistillFlags(Flags):
-    """The settings of a distillation; what is not given has the default of :class:`DistillConfig`."""
+    """The settings of a distillation; omitted ones have the defaults of :class:`DistillConfig`."""
 
     sets: Annotated[
         list[str],

@@ -53,7 +53,7 @@ def evaluate(
 
 
 def _keeping(adversary: str, name: str) -> Path:
-    """The run's directory, where a score of that name can be kept; before any game is played.
+    """Return the run's directory if a score of that name can be stored; checked before any game is played.
 
     Raises:
         ConfigError: there is no run, the name is none, or taken.

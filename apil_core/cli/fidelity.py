@@ -32,7 +32,7 @@ WEIGHTS_MISSING = 1
     },
 )
 class FidelityFlags(PairingFlags):
-    """How everything is played."""
+    """Flags for the games to play."""
 
 
 def fidelity(
@@ -99,7 +99,7 @@ def _games(plugins: PluginRegistry, names: list[str] | None) -> list[GameSpec]:
 
 
 def _check_profiles(games: list[GameSpec]) -> None:
-    """Games named by the user must have profiles; others would just be skipped."""
+    """Check that games named by the user have profiles; others would be skipped silently."""
     from apil_core.common.errors import ConfigError
     from apil_core.evaluation.fidelity.plan import no_profiles
 
@@ -108,7 +108,7 @@ def _check_profiles(games: list[GameSpec]) -> None:
 
 
 def _assignments(text: str) -> dict[str, Any]:
-    """``a=1,b=x`` as a mapping; values are read as YAML."""
+    """Parse ``a=1,b=x`` into a mapping; values are read as YAML."""
     from apil_core.common.errors import ConfigError
     from apil_core.config.layers import parse_yaml
 

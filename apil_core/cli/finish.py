@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def finish(result: RunResult, progress: Progress, *, show: bool, as_json: bool) -> dict[str, Any]:
-    """Say how a run ended, make its artifacts if asked to, and say where everything is.
+    """Print how a run ended, make its artifacts if requested, and print where they are.
 
     Returns:
         what ``--json`` prints, with a key ``souvenirs`` if there are any to speak of.
@@ -30,7 +30,7 @@ def finish(result: RunResult, progress: Progress, *, show: bool, as_json: bool) 
 
 
 def print_end(result: RunResult) -> None:
-    """The final score (or where the run stands), and the next command one may want."""
+    """Print the final score (or the present state of the run) and the likely next command."""
     from apil_core.cli.output import console
     from apil_core.cli.readout import imitator
     from apil_core.cli.scores import print_score
@@ -67,7 +67,7 @@ def _artifacts(result: RunResult, progress: Progress, *, silent: bool) -> dict[s
 
 
 def _print_beside(own: EvaluationResult, made: RunArtifacts) -> None:
-    """The wins of the adversary, of the game's own opponent, and of the adversary unseen by the victim."""
+    """Print the win rates of the adversary, the game's own opponent and the blinded adversary."""
     from apil_core.cli.output import console, table
 
     scores = {"this adversary": own}
@@ -84,7 +84,7 @@ def _print_beside(own: EvaluationResult, made: RunArtifacts) -> None:
 
 
 def exit_code(result: RunResult, world: World) -> int:
-    """0, or 130 after Ctrl-C, with a word of the first process on how to go on."""
+    """Return 0, or 130 after Ctrl-C; the first process prints how to continue."""
     if result.status == "finished":
         return 0
     if world.is_main:

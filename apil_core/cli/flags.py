@@ -1,4 +1,4 @@
-"""Flags made from the models that are read: their help is the fields' own text and defaults."""
+"""Flags made from pydantic models: their help is the fields' own text and defaults."""
 
 from __future__ import annotations
 
@@ -72,16 +72,16 @@ class Flags:
     keys: ClassVar[dict[str, str]]
 
     def given(self) -> dict[str, Any]:
-        """What was given, by key of the model."""
+        """The flags that were set, by key of the model."""
         values = {key: getattr(self, name) for name, key in self.keys.items()}
         return {key: value for key, value in values.items() if value is not None and value is not False}
 
 
 class PairingFlags(Flags):
-    """Flags of :class:`apil_core.evaluation.options.PairingOptions`, or of what extends it."""
+    """Flags of :class:`apil_core.evaluation.options.PairingOptions`, or of a subclass."""
 
     def options(self, model: type[Model]) -> Model:
-        """The options they stand for.
+        """The options these flags stand for.
 
         Raises:
             ConfigError: a value that makes no sense.
@@ -98,7 +98,7 @@ def flags_of(
     groups: Mapping[Group | None, Sequence[str]],
     texts: Mapping[str, str] | None = None,
 ) -> Callable[[type[Made]], type[Made]]:
-    """Give a class a flag for each of these fields of a model, before those it declares itself.
+    """Add a flag for each of these fields of a model, before those the class declares itself.
 
     Args:
         model: whose fields' text and default are the flag's help; ``None`` in the class stands for a flag
@@ -133,7 +133,7 @@ def _field(model: type[BaseModel], key: str) -> FieldInfo:
 
 
 def _flag(info: FieldInfo, name: str, group: Group | None, text: str | None) -> tuple[Any, Any]:
-    """Type and default of the flag of one field."""
+    """Return the type and default of the flag of one field."""
     kind = _kind(info.annotation, name)
     own = " ".join(str(info.description).split())
     if text is None or text.startswith("[default: "):
@@ -146,7 +146,7 @@ def _flag(info: FieldInfo, name: str, group: Group | None, text: str | None) -> 
 
 
 def _kind(annotation: Any, name: str) -> Any:
-    """What one value of a flag is: a field's type without ``None`` and bounds, and lists for collections."""
+    """Return the type of one value of a flag: a field's type without ``None`` and bounds."""
     if get_origin(annotation) in (tuple, dict):
         return list[Path] if name == "plugin_files" else list[str]
     parts = [part for part in get_args(annotation) if part is not NoneType]
@@ -170,7 +170,7 @@ def _source(text: str, **options: Any) -> Any:
     {"game.physics": "[default: faithful]"},
 )
 class ConfigFlags(Flags):
-    """Everything that makes up a run's configuration."""
+    """Flags for everything in a run's configuration."""
 
     preset: Annotated[
         list[str],
@@ -223,12 +223,12 @@ _SCORED = (
 
 @flags_of(EvaluationOptions, {None: (*_PLAYED, *_SCORED)})
 class EvaluationFlags(PairingFlags):
-    """Who plays whom, in which game, and what is counted."""
+    """Flags for the players, the game and the counts of an evaluation."""
 
 
 @flags_of(PairingOptions, {None: (*_PLAYED, "seed")})
 class PlayFlags(PairingFlags):
-    """Who plays whom, and in which game."""
+    """Flags for the players and the game."""
 
 
 ADVERSARY = Parameter(

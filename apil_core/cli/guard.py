@@ -1,4 +1,4 @@
-"""From exceptions to one line on stderr and an exit code."""
+"""Turn exceptions into one line on stderr and an exit code."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _COURTESY = 3.0
 
 
 def guarded(arguments: list[str]) -> int:
-    """Run the command line; returns the exit code and never raises."""
+    """Run the command line; return the exit code, never raise."""
     from cyclopts import CycloptsError
 
     from apil_core.cli.app import make_app
@@ -66,7 +66,7 @@ def complain(message: str, code: int) -> int:
 
 
 def _in_turn() -> str:
-    """Which process of several speaks, and not before the first one had time to.
+    """Return the prefix of this process's messages; wait first unless it is the first process.
 
     Most mistakes strike all alike; torchrun ends the others as soon as one has failed, so that what
     the first one says stands there once.
@@ -100,5 +100,5 @@ def _one_line(text: str) -> str:
 
 
 def _help_of(error: CycloptsError) -> str:
-    """The help of the innermost verb that was understood."""
+    """Return the help of the innermost command that was recognised."""
     return " ".join(["apil", *(error.command_chain or ()), "--help"])

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class LiveProgress(ConsoleProgress):
-    """A bar with the time left, and below it how the games go.
+    """A progress bar with the time left, and game statistics below it.
 
     Args:
         screen: rich console; default stderr.
@@ -54,13 +54,13 @@ class LiveProgress(ConsoleProgress):
         self._status: Table | None = None
 
     def started(self, config: RunConfig, run_dir: Path, victim: str, steps_done: int) -> None:
-        """Headline and an empty bar."""
+        """Print the headline and an empty bar."""
         self.note(self.headline(config, run_dir, victim, steps_done))
         self._training = self._bars.add_task("training", total=config.steps, completed=steps_done, left="–")
         self._refresh()
 
     def iteration(self, metrics: dict[str, float]) -> None:
-        """Move the bar, renew the numbers."""
+        """Advance the bar and update the numbers."""
         self._status = status_table(metrics)
         left = self._pace.left(metrics)
         if self._training is not None:
@@ -70,7 +70,7 @@ class LiveProgress(ConsoleProgress):
         self._refresh()
 
     def evaluation_progress(self, done: int, total: int) -> None:
-        """A second bar while an evaluation runs."""
+        """Show a second bar while an evaluation runs."""
         if self._evaluating is None:
             self._evaluating = self._bars.add_task("evaluation", total=total, left="–")
         left = self._pace.games_left(done, total)
@@ -78,20 +78,20 @@ class LiveProgress(ConsoleProgress):
         self._refresh()
 
     def evaluation(self, result: EvaluationResult, steps: int) -> None:
-        """Keep the score as a line above the live part."""
+        """Print the score as a line above the live part."""
         self._drop_evaluation()
         self.note(readout.score_line(result, steps))
 
     def note(self, text: str) -> None:
-        """A line above the live part."""
+        """Print a line above the live part."""
         self._console.print(Text(visible(text)))
 
     def finished(self, run_dir: Path) -> None:
-        """Freeze the view."""
+        """Stop updating the view."""
         self.close()
 
     def close(self) -> None:
-        """Stop the live part; the terminal is as before."""
+        """Stop the live part and restore the terminal."""
         self._drop_evaluation()
         if self._live.is_started:
             self._refresh()
@@ -110,7 +110,7 @@ class LiveProgress(ConsoleProgress):
 
 
 def status_table(metrics: dict[str, float]) -> Table:
-    """The numbers below the bar, one row per question a watcher has."""
+    """Make the table below the bar, one row per metric."""
     games = f"last {metrics.get('window_games', 0):,.0f} games"
     shares = readout.outcomes(metrics)
     rows = {

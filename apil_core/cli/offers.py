@@ -1,4 +1,4 @@
-"""``apil plugins | games | methods | observers``: what is installed, and what is broken and why."""
+"""``apil plugins | games | methods | observers``: what is installed, and why something does not work."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def _checked(plugin: list | None, as_json: bool) -> int:
 
 
 def _lines(report: PluginReport) -> Iterator[tuple[Text, str]]:
-    """One line per plugin that works, per reason why one does not, and per remark."""
+    """Return one line per working plugin, per reason why one does not work, and per remark."""
     for reason in report.broken:
         yield styled("broken", "red"), f"  {report.name}: {reason}"
     if not report.broken:

@@ -1,4 +1,4 @@
-"""Where text goes: results to stdout, everything else (and with ``--json`` everything) to stderr."""
+"""Output streams: results to stdout, everything else (and with ``--json`` everything) to stderr."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def columns() -> int:
 
 
 def console(*, stderr: bool = False) -> Console:
-    """A rich console; plain text without colour or folding when the stream is not a terminal.
+    """Make a rich console; plain text without colour or folding when the stream is not a terminal.
 
     Texts are shown as they are, without markup and emoji; :func:`styled` has colour.
     """
@@ -46,19 +46,19 @@ def console(*, stderr: bool = False) -> Console:
 
 
 def styled(text: str, style: str) -> Text:
-    """Text in a colour."""
+    """Return the text in a colour."""
     from rich.text import Text
 
     return Text(visible(text), style)
 
 
 def say(text: str) -> None:
-    """A line on stderr."""
+    """Print a line on stderr."""
     print(visible(text), file=sys.stderr, flush=True)
 
 
 def table(*columns: str) -> Table:
-    """A table in the one style of all commands; a column name ending in ``>`` is right-aligned."""
+    """Make a table in the style of all commands; a column name ending in ``>`` is right-aligned."""
     from rich import box
     from rich.table import Table
 
@@ -69,7 +69,7 @@ def table(*columns: str) -> Table:
 
 
 def print_json(value: Any) -> None:
-    """The one JSON document of a ``--json`` command."""
+    """Print the one JSON document of a ``--json`` command."""
     if hasattr(value, "model_dump"):
         value = value.model_dump(mode="json")
     print(visible(json.dumps(value, indent=2, default=str, ensure_ascii=False)))

@@ -41,7 +41,7 @@ class Screen:
     fps: Annotated[float, Parameter(group=_WHERE, help="About so many frames a second.")] = 30.0
 
     def options(self, **which: Any) -> RenderOptions:
-        """Options of the games to show; ``which``: the other fields of :class:`.recording.RenderOptions`.
+        """Return the options of the games; ``which``: the other fields of :class:`.recording.RenderOptions`.
 
         Raises:
             ConfigError: a file without pictures to write to it.

@@ -23,7 +23,7 @@ SECONDS_BETWEEN_LINES = 10.0
 
 
 class ConsoleProgress(Progress):
-    """A progress that tidies up the terminal when its ``with`` block ends. Shows nothing itself."""
+    """A progress that restores the terminal when its ``with`` block ends. Prints nothing itself."""
 
     def __enter__(self) -> Self:
         return self
@@ -34,11 +34,11 @@ class ConsoleProgress(Progress):
         self.close()
 
     def close(self) -> None:
-        """Leave the terminal as it was; closing twice is fine."""
+        """Restore the terminal; may be called twice."""
 
     @staticmethod
     def headline(config: RunConfig, run_dir: Path, victim: str, steps_done: int) -> str:
-        """What runs, and where."""
+        """Return the first line: the run's subject and its directory."""
         resumed = f", continued at {steps_done:,} steps" if steps_done else ""
         batch = f"{config.num_envs} games × {config.ppo.num_steps} steps"
         processes = World.here().size
@@ -48,7 +48,7 @@ class ConsoleProgress(Progress):
 
 
 class PlainProgress(ConsoleProgress):
-    """A line for the first iteration, for the last, and about every ten seconds in between.
+    """Prints a line for the first iteration, for the last, and about every ten seconds in between.
 
     Args:
         stream: where lines go; default stderr.
@@ -62,27 +62,27 @@ class PlainProgress(ConsoleProgress):
         self._pace = readout.Pace()
 
     def started(self, config: RunConfig, run_dir: Path, victim: str, steps_done: int) -> None:
-        """Say what runs, and where."""
+        """Print the first line."""
         self.note(self.headline(config, run_dir, victim, steps_done))
 
     def iteration(self, metrics: dict[str, float]) -> None:
-        """One line if it is time for one."""
+        """Print one line if it is due."""
         left = self._pace.left(metrics)
         if self._due() or metrics["steps"] >= metrics["total_steps"]:
             self.note(joined(readout.iteration(metrics, left)))
 
     def evaluation_progress(self, done: int, total: int) -> None:
-        """A line now and then."""
+        """Print a line every few seconds."""
         left = self._pace.games_left(done, total)
         if done < total and self._due():
             self.note(f"evaluation: {done} of {total} games, {left} left")
 
     def evaluation(self, result: EvaluationResult, steps: int) -> None:
-        """One line per evaluation."""
+        """Print one line per evaluation."""
         self.note(readout.score_line(result, steps))
 
     def note(self, text: str) -> None:
-        """One line, at once."""
+        """Print one line immediately."""
         print(visible(text), file=self.stream, flush=True)
 
     def _due(self) -> bool:
@@ -93,7 +93,7 @@ class PlainProgress(ConsoleProgress):
 
 
 def joined(parts: Sequence[str]) -> str:
-    """Parts of one message between bars; on further lines, indented, what is wider than the screen."""
+    """Join the parts of a message with bars; wrap what is wider than the screen, indented."""
     lines = [""]
     for part in filter(None, parts):
         longer = f"{lines[-1]} | {part}" if lines[-1].strip() else lines[-1] + part
@@ -105,7 +105,7 @@ def joined(parts: Sequence[str]) -> str:
 
 
 def make_progress(*, quiet: bool = False) -> ConsoleProgress:
-    """The progress that fits ``--quiet`` and the terminal. It writes to stderr: stdout is for results."""
+    """Make the progress for ``--quiet`` and the terminal. It writes to stderr: stdout is for results."""
     if quiet:
         return ConsoleProgress()
     if sys.stderr.isatty():

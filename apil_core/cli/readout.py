@@ -1,4 +1,4 @@
-"""Numbers of a running training as short texts; the live view and the plain lines share them."""
+"""Numbers of a running training as short texts, shared by the live view and the plain lines."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def percent(rate: Rate) -> str:
 
 
 def speed(metrics: Mapping[str, float]) -> str:
-    """Steps per second, and where an iteration's time goes."""
+    """Steps per second, and the share of each phase in an iteration's time."""
     collect, update = metrics.get("collect_seconds", 0), metrics.get("update_seconds", 0)
     return (
         f"{metrics.get('steps_per_second', 0):,.0f} steps/s, "
@@ -28,7 +28,7 @@ def speed(metrics: Mapping[str, float]) -> str:
 
 
 def outcomes(metrics: Mapping[str, float]) -> dict[str, str]:
-    """Win, tie and loss shares of the last games with Wilson 95 % intervals; empty before any ended.
+    """Win, tie and loss shares of the last games with Wilson 95 % intervals; empty before a game has ended.
 
     The adversary's, or in a retraining the victim's.
     """
@@ -53,7 +53,7 @@ def returns(metrics: Mapping[str, float]) -> str:
 
 
 def imitator(metrics: Mapping[str, float]) -> str:
-    """How well the imitator knows the victim and the discriminator tells them apart; else empty."""
+    """The imitator's error and likelihood and the discriminator's accuracy; empty where none is logged."""
     parts = []
     if "apil/relative_error" in metrics:
         parts.append(f"error {metrics['apil/relative_error']:.2f} of the best constant's")
@@ -70,7 +70,7 @@ def imitator(metrics: Mapping[str, float]) -> str:
 
 
 def endings(metrics: Mapping[str, float]) -> str:
-    """How the games behind :func:`outcomes` ended, most frequent first."""
+    """Endings of the games behind :func:`outcomes`, most frequent first."""
     prefix = "window_cause/"
     counts = Counter(
         {name.removeprefix(prefix): int(n) for name, n in metrics.items() if name.startswith(prefix) and n}
@@ -79,7 +79,7 @@ def endings(metrics: Mapping[str, float]) -> str:
 
 
 def iteration(metrics: Mapping[str, float], left: str) -> list[str]:
-    """Parts of one line about an iteration; those with nothing to say are empty."""
+    """Parts of one line about an iteration; empty ones are left out."""
     shares, lately = outcomes(metrics), endings(metrics)
     done = f"{metrics['steps']:,.0f} of {metrics['total_steps']:,.0f} steps"
     return [
@@ -93,20 +93,20 @@ def iteration(metrics: Mapping[str, float], left: str) -> list[str]:
 
 
 class Pace:
-    """Time left, from the first iteration on: later ones move the estimate by a tenth each."""
+    """Time left, from the first iteration on: an exponential average with weight 0.1 for each later one."""
 
     def __init__(self) -> None:
         self._step = 0.0
         self._began: float | None = None
 
     def left(self, metrics: Mapping[str, float]) -> str:
-        """Of a training, after an iteration."""
+        """Time left of a training, after an iteration."""
         step = 1 / metrics["steps_per_second"] if metrics["steps_per_second"] else 0.0
         self._step = 0.9 * self._step + 0.1 * step if self._step else step
         return duration(max(metrics["total_steps"] - metrics["steps"], 0) * self._step)
 
     def games_left(self, done: int, total: int) -> str:
-        """Of an evaluation, while its games end; ``–`` before the first one has."""
+        """Time left of an evaluation, while its games end; ``–`` before the first one has ended."""
         now = time.monotonic()
         self._began = now if self._began is None or not done else self._began
         seconds = (now - self._began) * (total - done) / done if done else 0.0
@@ -116,7 +116,7 @@ class Pace:
 
 
 def score_line(result: EvaluationResult, steps: int) -> str:
-    """One evaluation in one line."""
+    """Format one evaluation as one line."""
     return (
         f"evaluation after {steps:,} steps, {result.episodes} games{physics(result)}: "
         f"win {percent(result.win_rate)}, tie {percent(result.tie_rate)}, loss {percent(result.loss_rate)}"
@@ -129,7 +129,7 @@ def game_name(env: str, physics: str | None) -> str:
 
 
 def physics(result: MatchSetup) -> str:
-    """``, physics fast``; empty where the game was played as it was made, or has no profiles."""
+    """``, physics fast``; empty where the physics is the game's own, or has no profiles."""
     return "" if result.physics in (None, FAITHFUL) else f", physics {result.physics}"
 
 

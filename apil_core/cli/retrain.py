@@ -44,7 +44,7 @@ _HOW = Group("How", sort_key=1)
     },
 )
 class RetrainFlags(Flags):
-    """The settings of a retraining; what is not given is as in the first run, or a default."""
+    """Flags for the settings of a retraining; omitted ones are those of the first run, or defaults."""
 
     sets: Annotated[
         list[str],
@@ -116,7 +116,7 @@ def resume(
 
 
 def finish(result: RetrainResult, *, as_json: bool) -> int:
-    """Say how a retraining ended; the exit code, 130 after Ctrl-C."""
+    """Print how a retraining ended; return the exit code, 130 after Ctrl-C."""
     if as_json:
         print_json(result)
     elif result.status == "finished":
@@ -130,7 +130,7 @@ def finish(result: RetrainResult, *, as_json: bool) -> int:
 
 
 def print_result(result: RetrainResult) -> None:
-    """The victim's shares against each opponent on its own, before and after."""
+    """Print the victim's shares against each opponent, before and after."""
     out = console()
     title = f"{result.victim.name} in {result.env}, retrained {result.steps:,} steps"
     out.print(title, style="bold", markup=False)
@@ -145,7 +145,7 @@ def print_result(result: RetrainResult) -> None:
 
 
 def _draw_curve(result: RetrainResult, *, silent: bool) -> None:
-    """``curve.png`` in its directory; nothing depends on it, so what keeps it from being made is a note."""
+    """Draw ``curve.png`` in the run's directory; optional, so a failure is only a note."""
     from apil_core.runs.retraining.folder import RetrainDir
     from apil_core.studies.curves.retraining import draw_opponents
 

@@ -103,7 +103,7 @@ def run(
 def _say_budget(
     config: RunConfig, plugins: PluginRegistry, place: Path, seeds: int, *, as_json: bool
 ) -> None:
-    """Print what one run is made of and costs, and how long all seeds take."""
+    """Print the composition and cost of one run, and the duration of all seeds."""
     from apil_core.runs import dry_run
 
     found = dry_run.dry_run(config, plugins, place)
@@ -136,7 +136,7 @@ def _jobs(
 
 
 def _refuse_existing(directory: Path | None) -> None:
-    """Before torch is imported: a mistyped --out should not cost seconds, nor the last of five seeds."""
+    """Refuse an existing directory before torch is imported: a mistyped --out should fail at once."""
     if directory is not None and is_taken(directory):
         raise RunDirError(
             f"--out {directory} exists and is not empty: nothing was changed; "

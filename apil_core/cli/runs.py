@@ -67,7 +67,7 @@ def compare(
 
 
 def _entry(run: RunDir) -> dict[str, Any] | None:
-    """One row of the listing, ``None`` for a retraining; a run that cannot be read has its error in it."""
+    """One row of the listing, ``None`` for a retraining; if a run cannot be read, the row has the error."""
     from apil_core.config.game import stored_physics
     from apil_core.config.kind import IsRetrainingError
     from apil_core.training.storage.run_dir import scored_victim

@@ -1,4 +1,4 @@
-"""An evaluation as a table for people."""
+"""Tables of evaluations for the terminal."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _HOW = {"sample": "sampled", "mode": "mode"}
 
 
 def print_score(result: EvaluationResult) -> None:
-    """Win, tie and loss with 95 % intervals, endings, and everything the numbers depend on."""
+    """Print win, tie and loss with 95 % intervals, endings, and everything the numbers depend on."""
     out = console()
     title = f"{result.adversary.name} against {result.victim.name} in {result.env}, {result.episodes} games"
     title += physics(result)
@@ -62,7 +62,7 @@ def _facts(result: EvaluationResult) -> list[str]:
 
 
 def true_rules_hint(result: EvaluationResult) -> str | None:
-    """How to score a trained adversary in the game as it was made, where this score is of other physics."""
+    """The command for scoring an adversary in the faithful game, where this score is of another profile."""
     name = result.adversary.name
     if not name.startswith("run:") or result.physics in (None, FAITHFUL):
         return None

@@ -1,4 +1,4 @@
-"""Evaluations on the way: which checkpoint won most, and whether there is anything left to gain."""
+"""Periodic evaluations of a run: the best checkpoint, and the conditions for stopping early."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class EvaluationHistory:
         self.rows = list(rows)
 
     def add(self, result: EvaluationResult, steps: int) -> None:
-        """Take in an evaluation after ``steps`` environment steps."""
+        """Add an evaluation after ``steps`` environment steps."""
         low = result.win_rate.low
         self.rows.append({"steps": steps, "games": result.episodes, "wins": result.wins, "low": low})
 
@@ -33,7 +33,7 @@ class EvaluationHistory:
         return max(self.rows, key=_rate, default=None)
 
     def why_stop(self, wanted: StopConfig) -> str:
-        """Which of the conditions holds after the last evaluation, in words, or ``""``."""
+        """Reason to stop after the last evaluation, or ``""``."""
         last, best = self.rows[-1], self.best
         assert best is not None
         if wanted.win_rate_above is not None and last["low"] > wanted.win_rate_above:

@@ -1,4 +1,4 @@
-"""What a run would be and cost: everything is built and tried for some seconds, and nothing is written."""
+"""Dry run: build everything, run it for some seconds, estimate the cost, and write nothing."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _GAMES = 32
 
 
 class Budget(BaseModel):
-    """What a run is made of and about what it costs on this machine as busy as it is now.
+    """Composition of a run and its estimated cost on this machine at its present load.
 
     Attributes:
         victim, victim_sha256: who is attacked.
@@ -114,20 +114,20 @@ def dry_run(config: RunConfig, plugins: PluginRegistry, place: Path = Path()) ->
 
 
 def steps_per_second(config: RunConfig, plugins: PluginRegistry) -> float:
-    """How fast such a run trains here, as busy as this machine is now."""
+    """Measure the training speed of such a run at the machine's present load."""
     trainer = Trainer(build(shortened(config), plugins), plugins)
     with _closed(trainer), one_torch_thread():
         return _second_iteration(trainer)["steps_per_second"]
 
 
 def shortened(config: RunConfig) -> RunConfig:
-    """The same with rollouts of a few steps."""
+    """Return the same configuration with rollouts of a few steps."""
     ppo = config.ppo.model_copy(update={"num_steps": min(_STEPS, config.ppo.num_steps)})
     return config.model_copy(update={"ppo": ppo})
 
 
 def _second_iteration(trainer: Trainer) -> dict[str, float]:
-    """Its metrics; the first one warms up."""
+    """Return the metrics of the second iteration; the first one warms up."""
     trainer.iterate()
     return trainer.iterate()
 
@@ -141,7 +141,7 @@ def _seconds_per_game(trainer: Trainer) -> float:
 
 
 def _weights(state: object) -> Iterator[torch.Tensor]:
-    """Tensors of networks in a learner's state; optimisers have their own."""
+    """Yield the network tensors in a learner's state; skip the optimisers'."""
     if isinstance(state, torch.Tensor):
         yield state
     elif isinstance(state, dict):

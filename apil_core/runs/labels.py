@@ -1,4 +1,4 @@
-"""What rows and columns of a cross-play are called."""
+"""Labels of the rows and columns of a cross-play."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ AUTO, BASELINE, ORIGINAL = "auto", "baseline", "original"
 
 
 def labelled(names: Sequence[str], labels: Sequence[str] | None, env: str | None, *, side: str) -> Names:
-    """Names by label; runs are called by their method otherwise, and the game's own policies by their part.
+    """Names by label; the default ones are a run's method, and the part that a game's own policy plays.
 
     Args:
         names: runs or policy names.

@@ -10,7 +10,7 @@ APIL_HOOK_API = 2
 
 @hookimpl
 def register_recorders() -> list[RecorderSpec]:
-    """Offer runs tracked at Weights & Biases and in Trackio."""
+    """Register recorders for Weights & Biases and Trackio."""
     return [
         RecorderSpec(
             "wandb",
@@ -29,7 +29,7 @@ def register_recorders() -> list[RecorderSpec]:
 
 @hookimpl
 def register_policies() -> list[PolicySpec]:
-    """Offer ``retrained:DIR``."""
+    """Register ``retrained:DIR``."""
     return [
         PolicySpec(
             scheme="retrained",

@@ -1,4 +1,4 @@
-"""Starting an attack, or going on with one from a checkpoint; all is checked before training begins."""
+"""Start an attack, or resume one from a checkpoint; all is checked before training begins."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def run(
     command: Sequence[str] = (),
     plugins: PluginRegistry | None = None,
 ) -> RunResult:
-    """Train an adversary as ``config`` says, checkpointing on the way, and score it at the end.
+    """Train an adversary with ``config``, checkpointing on the way, and score it at the end.
 
     Started by torchrun, all its processes train together (docs/distributed.md).
 
@@ -75,7 +75,7 @@ def run(
 
 
 def prepared(config: RunConfig, plugins: PluginRegistry, world: World) -> tuple[Trainer, Policy | None]:
-    """The parts of a new run, and the policy that its adversary is to be cloned from, if there is one.
+    """Build the parts of a new run, and load the policy that its adversary is cloned from, if there is one.
 
     Raises:
         ApilError: they do not fit.
@@ -98,7 +98,7 @@ def resume(
     progress: Progress | None = None,
     command: Sequence[str] = (),
 ) -> RunResult:
-    """Continue a run exactly where its newest checkpoint left it; or extend a finished one.
+    """Resume a run exactly from its newest checkpoint; or extend a finished one.
 
     Args:
         run_dir: directory of the run.
@@ -149,14 +149,14 @@ def resume(
 
 @contextmanager
 def _held(directory: RunDir, world: World) -> Iterator[None]:
-    """The directory's lock, which the first process takes for all."""
+    """Hold the directory's lock; the first process takes it for all."""
     with directory.lock() if world.is_main else nullcontext():
         world.wait()
         yield
 
 
 def _read(path: Path, stored: RunConfig, registry: PluginRegistry, world: World) -> dict[str, Any]:
-    """This process's part of the checkpoint."""
+    """Read this process's part of the checkpoint."""
     state = checkpoint.read(path)
     check_same_run(state, stored, registry, path)
     check_same_world(state, world, path)
@@ -164,7 +164,7 @@ def _read(path: Path, stored: RunConfig, registry: PluginRegistry, world: World)
 
 
 def _abandon_best_after(path: Path, steps: int) -> None:
-    """Set aside a best checkpoint that was taken later than where the run goes on."""
+    """Rename a best checkpoint that is later than the point of resumption."""
     if path.is_file():
         taken = math.inf
         with suppress(RunDirError):  # a damaged one must not keep the run from going on
@@ -174,7 +174,7 @@ def _abandon_best_after(path: Path, steps: int) -> None:
 
 
 def check_unfinished(directory: RunDir, state: dict[str, Any], config: RunConfig, world: World) -> bool:
-    """Whether the run has ended there, early; if with its whole budget, that is an error."""
+    """Return whether the run ended early; raise if it ended with its whole budget."""
     result = directory.result() or {}
     # a run killed during its final evaluation has all its steps but no result for them yet
     ended = result.get("status") == "finished" and result.get("steps") == state["steps"]
@@ -187,7 +187,7 @@ def check_unfinished(directory: RunDir, state: dict[str, Any], config: RunConfig
 
 
 def changed(config: Config, steps: int | None, threads: int | None) -> Config:
-    """``config`` with another budget or number of threads.
+    """Return ``config`` with another budget or number of threads.
 
     Raises:
         ConfigError: it may not have that value.
@@ -203,7 +203,7 @@ def changed(config: Config, steps: int | None, threads: int | None) -> Config:
 
 
 def _note_changed_schedules(trainer: Trainer, progress: Progress) -> None:
-    """Say so where a new number of steps bends a schedule that the steps so far followed."""
+    """Print a note if a new number of steps changes the slope of a schedule already in progress."""
     bent = []
     if trainer.config.ppo.lr_schedule == "linear":
         bent.append("ppo.learning_rate")
@@ -219,7 +219,7 @@ def _trainer(config: RunConfig, registry: PluginRegistry, world: World) -> Train
 
 
 def check_recorders(config: RunConfig, registry: PluginRegistry, world: World = ALONE) -> None:
-    """Whether all recorders are there and can write.
+    """Check that all recorders are installed and can write.
 
     Raises:
         ApilError: one is not.

@@ -1,4 +1,4 @@
-"""Scoring an adversary while it is trained."""
+"""Score an adversary during its training."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def score_in_training(
     seed: int | None = None,
     adversary: Policy | None = None,
 ) -> EvaluationResult:
-    """Score a trainer's adversary (or another) without touching the training games or their randomness.
+    """Score a trainer's adversary (or another) without changing the training games or their randomness.
 
     Methods are rebuilt from their state, so that what they carry from step to step stays apart.
 

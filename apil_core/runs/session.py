@@ -1,4 +1,4 @@
-"""One stretch of training: iterations, checkpoints, recorders, signals, and the score at the end."""
+"""One session of a run: iterations, checkpoints, recorders, signals, and the score at the end."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _LONG = 3600.0
 
 
 class RunResult(BaseModel):
-    """How a run ended."""
+    """The result of a run."""
 
     model_config = EXACT
 
@@ -55,7 +55,7 @@ class RunResult(BaseModel):
 
 
 class Session:
-    """One stretch of a run between start and finish, Ctrl-C or crash.
+    """A run between start and finish, Ctrl-C or crash.
 
     Of several processes that train together each has one; only the first one's says, evaluates and
     records anything.
@@ -90,11 +90,11 @@ class Session:
         self._wish = StopWish(progress)
 
     def run(self, teacher: Policy | None = None) -> RunResult:
-        """:meth:`train`, and what came of it."""
+        """Run :meth:`train` and return its result."""
         return self._result(*self.train(teacher))
 
     def train(self, teacher: Policy | None = None) -> tuple[Status, EvaluationResult | None]:
-        """Train until the budget is used up or somebody stops it; always leaves a checkpoint.
+        """Train until the budget is used up or a stop is requested; always leave a checkpoint.
 
         Args:
             teacher: policy that the adversary is made to act like first.
@@ -132,7 +132,7 @@ class Session:
             self.progress.note(beside_teacher(self.trainer, teacher, self._wish.progress))
 
     def _costly_scores(self) -> Iterator[str]:
-        """A line where playing for scores may take longer than the training that is left."""
+        """A warning if evaluation may take longer than the remaining training."""
         trainer, wanted = self.trainer, self.config.evaluation
         left, longest = trainer.total_steps - trainer.steps, trainer.layout.max_steps
         on_the_way = left // wanted.every_steps * wanted.periodic_episodes if wanted.every_steps else 0
@@ -145,7 +145,7 @@ class Session:
             )
 
     def _say_how_long(self, metrics: dict[str, float]) -> None:
-        """After the first iteration of a session: a line where the rest takes hours."""
+        """After a session's first iteration, note the remaining time if it is hours."""
         speed = metrics["steps_per_second"]
         seconds = (metrics["total_steps"] - metrics["steps"]) / speed
         if seconds > _LONG:
@@ -156,7 +156,7 @@ class Session:
 
     @property
     def _hook(self) -> Any:
-        """Caller of hooks on the run's course: plugin modules, who may print and write, hear of it once.
+        """Caller of run hooks: plugin modules, which may print and write, are called in one process only.
 
         What keeps a state hears of it in every process, lest the states differ.
         """
@@ -188,7 +188,7 @@ class Session:
             self.save()
 
     def _told(self, before: int, metrics: dict[str, float]) -> None:
-        """:meth:`_report`; if that fails, the iteration itself is sound, so it is kept."""
+        """Call :meth:`_report`; if it fails, save the finished iteration first."""
         try:
             self._report(before, metrics)
         except FAILURES:
@@ -198,7 +198,7 @@ class Session:
             raise
 
     def _report(self, before: int, metrics: dict[str, float]) -> None:
-        """Evaluate if it is time to, and tell recorders, people and hooks of the iteration."""
+        """Evaluate if it is due, and report the iteration to recorders, progress and hooks."""
         trainer = self.trainer
         metrics["memory_mb"] = resident_mb()
         every = self.config.evaluation.every_steps
@@ -241,7 +241,7 @@ class Session:
         }
 
     def _evaluate_on_the_way(self) -> dict[str, float]:
-        """Score the adversary on games of their own; stop if that was agreed.
+        """Score the adversary on separate games; stop if a stopping condition holds.
 
         Not broken off by Ctrl-C: a run that is gone on with would have missed it.
         """
@@ -256,7 +256,7 @@ class Session:
         return _evaluation_metrics(result)
 
     def _finish(self) -> tuple[Status, EvaluationResult | None]:
-        """The score at the end, unless somebody stops it; the other processes wait for the first one's."""
+        """Score at the end unless interrupted; the other processes wait for the first one's score."""
         status: Status = "interrupted"
         evaluation = None
         over = self.trainer.finished or self.trainer.stopped

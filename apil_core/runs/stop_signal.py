@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as a wish, not a blow: whoever works decides where to stop."""
+"""Ctrl-C and SIGTERM as requests: the running code stops at its next safe point."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from apil_core.evaluation.progress import Progress
 
 @contextmanager
 def on_stop_signal(asked: Callable[[], None]) -> Iterator[None]:
-    """Call ``asked`` for each SIGINT or SIGTERM meanwhile. Outside the main thread nothing changes.
+    """Call ``asked`` for each SIGINT or SIGTERM in the ``with`` block. No effect outside the main thread.
 
     Args:
         asked: called in the main thread, between any two of its steps; what it raises goes on from there.
@@ -38,7 +38,7 @@ class Stopped(Exception):  # noqa: N818  (no error: the user asked for it)
 
 
 class StopWish:
-    """The first signal asks training to end after its iteration; the second one ends it at once.
+    """Counts signals: the first asks training to end after its iteration, the second ends it at once.
 
     Attributes:
         asked: whether there was one.
@@ -54,7 +54,7 @@ class StopWish:
         self._told = progress
 
     def listening(self) -> AbstractContextManager[None]:
-        """Take signals while in ``with``."""
+        """Handle signals within ``with``."""
         return on_stop_signal(self._ask)
 
     def _ask(self) -> None:

@@ -1,4 +1,4 @@
-"""Starting from any policy: the adversary's own network is cloned from it, then its critic is fitted.
+"""Start from any policy: clone it into the adversary's network, then fit the critic.
 
 Like DAgger (Ross et al. 2011): mostly the clone plays, and the teacher says what it would have done. The
 network is the run's own, so that all else stays as it is: exact resume, export, methods' added inputs.
@@ -39,7 +39,7 @@ _LEARNING_RATE = 3e-3
 
 
 def load_teacher(trainer: Trainer, name: str) -> Policy:
-    """The policy to clone, checked.
+    """Load the policy to clone, and check it.
 
     Raises:
         ConfigError: its sizes are not the adversary's, or there are not enough steps for it.
@@ -62,7 +62,7 @@ def load_teacher(trainer: Trainer, name: str) -> Policy:
 
 
 def warm_start(trainer: Trainer, teacher: Policy) -> None:
-    """Make the adversary act as its teacher, and its critic value that, in ``init_steps`` of the budget.
+    """Clone the teacher into the adversary and fit its critic, in ``init_steps`` of the budget.
 
     Args:
         trainer: of a run that has not begun.
@@ -79,7 +79,7 @@ def warm_start(trainer: Trainer, teacher: Policy) -> None:
 
 
 def beside_teacher(trainer: Trainer, teacher: Policy, progress: Progress) -> str:
-    """How the clone scores and how its teacher does, in the same games, in one line."""
+    """Scores of the clone and its teacher in the same games, in one line."""
     episodes = trainer.config.evaluation.periodic_episodes
     seed = stream_seed(trainer.config.seed, "evaluation during training")
     clone = score_in_training(trainer, episodes, progress, seed=seed)
@@ -104,7 +104,7 @@ class _Block:
 
 
 class _Cloning:
-    """Games, what was seen in them, and the network that learns from it."""
+    """Behaviour cloning of the teacher into the adversary's network (DAgger)."""
 
     def __init__(self, trainer: Trainer, teacher: Policy):
         self.trainer = trainer
@@ -123,7 +123,7 @@ class _Cloning:
         self.blocks: list[_Block] = []
 
     def _added(self) -> Tensor:
-        """Which inputs of the network are not the adversary's own observation, (k,) bool."""
+        """Mask of the network's inputs that are not the adversary's own observation, (k,) bool."""
         sizes = self.actor.groups
         return torch.cat([torch.full((size,), name != OWN_GROUP) for name, size in sizes.items()])
 
@@ -166,7 +166,7 @@ class _Cloning:
             return _Block(torch.cat(observations).clone(), torch.cat(labels).clone())
 
     def _train(self, blocks: Sequence[_Block]) -> None:
-        """One pass: KL(teacher ‖ clone) in nats, which is half the squared error in units of σ."""
+        """Train one pass: KL(teacher ‖ clone) in nats, which is half the squared error in units of σ."""
         mlp = self.actor.model.mlp
         normalizer = self.trainer.attack.builder.normalizers[OWN_GROUP]
         added = self._added()

@@ -1,1 +1,1 @@
-"""What is made of many runs: benchmarks, curves, reports, analyses."""
+"""Studies of many runs: benchmarks, curves, reports, analyses."""

@@ -1,4 +1,4 @@
-"""Scores of several runs side by side, and which differences are more than noise."""
+"""Compare the scores of several runs, and mark differences within noise."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Spread(BaseModel):
 
 
 class Comparison(BaseModel):
-    """What ``apil runs compare --json`` prints."""
+    """Output of ``apil runs compare --json``."""
 
     rows: list[Row]
     spreads: list[Spread]
@@ -59,7 +59,7 @@ class Comparison(BaseModel):
 
 
 def compare(runs: Sequence[RunDir]) -> Comparison:
-    """Put runs side by side; the first one is what the others are compared with.
+    """Compare runs with the first one.
 
     Raises:
         RunDirError: one of them is no run directory, or its result is damaged.
@@ -139,7 +139,7 @@ def _warnings(rows: Sequence[Row]) -> list[str]:
 
 
 def _other_options(runs: Sequence[RunDir]) -> list[str]:
-    """One line that names the options of the game in which runs of one game differ."""
+    """One line with the game options in which runs of one game differ."""
     configs = [run.config() for run in runs]
     if len({config.env for config in configs}) > 1:
         return []  # said already, and options of other games mean other things

@@ -1,4 +1,4 @@
-"""Conformance checks for plugin authors: whether a method, a game or a victim keeps what the core relies on.
+"""Conformance checks for plugin authors: that a method, a game or a victim meets the core's contract.
 
 Names load lazily, so importing this package brings in neither torch nor mujoco. docs/testing.md lists
 every check.

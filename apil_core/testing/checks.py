@@ -1,4 +1,4 @@
-"""All checks, where each is documented, and the error for one that fails."""
+"""All checks, their documentation, and the error of a failed one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from apil_core.common.errors import FAILURES, ApilError, PluginError
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that is checked.
+    """One check.
 
     Attributes:
         title: heading of its section in docs/testing.md.
@@ -25,7 +25,7 @@ class Check:
 
     @property
     def address(self) -> str:
-        """Of its section, as GitHub makes anchors."""
+        """URL of its section; the anchor is GitHub's."""
         kept = re.sub(r"[^\w\- ]", "", self.title.lower())
         return f"testing.md#{kept.replace(' ', '-')}"
 
@@ -89,7 +89,7 @@ _CORE_HOOKS = tuple(
 
 
 def hook_address(hook: str) -> str:
-    """Where a hook is documented."""
+    """URL of a hook's documentation."""
     return f"hooks.md#{hook}" if hook in _CORE_HOOKS else "hooks.md#hooks-of-your-own"
 
 
@@ -120,7 +120,7 @@ def hook_in(message: str) -> str | None:
 
 @contextmanager
 def reported_as(who: str, check: Check) -> Iterator[None]:
-    """Turn whatever is raised into a failed check; a plugin's mistake gets its hook's address.
+    """Turn any exception into a failed check; a hook's mistake gets the URL of its documentation.
 
     Raises:
         ContractError: anything was raised.

@@ -1,4 +1,4 @@
-"""A method that requires the one under examination, and an observer: the company it must be able to keep."""
+"""Companions of the method under test: a method that requires it, and an observer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TERM, GROUP, STREAM, METRIC = "follower_term", "follower_group", "follower_strea
 
 
 class Follower(Method):
-    """Answers every hook that several plugins may answer, under names of its own.
+    """Implements every hook that several plugins may implement, under its own names.
 
     Attributes:
         seen_groups: names of the groups in the last rollout.
@@ -29,29 +29,29 @@ class Follower(Method):
 
     @hookimpl
     def extend_observation(self, context: Context, view: View) -> dict[str, Tensor]:
-        """One column, (n, 1)."""
+        """Return one column, (n, 1)."""
         return {GROUP: view.first.float().unsqueeze(-1)}
 
     @hookimpl
     def shape_reward(self, run: Run, step: StepBatch) -> dict[str, Tensor]:
-        """A small constant, (n,)."""
+        """Return a small constant, (n,)."""
         return {TERM: torch.full_like(step.reward, 0.01)}
 
     @hookimpl
     def finish_rollout(self, run: Run, rollout: Rollout) -> dict[str, Tensor]:
-        """A stream, (T, n)."""
+        """Return a stream, (T, n)."""
         return {STREAM: rollout.normalized_reward.clone()}
 
     @hookimpl
     def update_auxiliary(self, run: Run, rollout: Rollout) -> dict[str, float]:
-        """Look at what came."""
+        """Check the rollout it receives."""
         self.seen_groups = frozenset(rollout.groups)
         return {METRIC: 1.0}
 
 
 @hookimpl
 def filter_observation(context: Context, side: int, obs: Tensor) -> Tensor:
-    """Both sides see less sharply: one part in a hundred, (n, o)."""
+    """Shrink both sides' observations by one part in a hundred, (n, o)."""
     return obs + 0.01 * torch.randn(
         obs.shape, generator=context.generator, device=obs.device, dtype=obs.dtype
     )

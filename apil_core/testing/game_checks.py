@@ -1,4 +1,4 @@
-"""What ``apil_core.Game`` asks for, one function for each check; each raises ContractError."""
+"""The checks of ``apil_core.Game``, one function each; each raises ContractError."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from apil_core.testing.game_play import GAMES, Play, Trial, plain, same, same_vi
 
 
 def seeds(trial: Trial) -> None:
-    """One seed at several numbers of threads, and another seed."""
+    """Check that one seed gives the same games at several numbers of threads, and another seed others."""
     plays = []
     for threads in (1, 2, 4):
         with trial.game(threads=threads, seed=7) as game:
@@ -36,7 +36,7 @@ def seeds(trial: Trial) -> None:
 
 
 def save(trial: Trial) -> None:
-    """Through a dict, past the first restarts, bit for bit."""
+    """Check that a saved state, as a dict, continues bit for bit, past the first restarts."""
     with trial.game(seed=3) as game, trial.game(seed=None) as other:
         first = Play(game, 5)
         first.run(27)
@@ -57,7 +57,7 @@ def save(trial: Trial) -> None:
 
 
 def reset(trial: Trial) -> None:
-    """Half of the rows."""
+    """Check a reset of half of the rows."""
     with trial.game() as game:
         Play(game).run(3)
         before = snapshot(game)
@@ -71,7 +71,7 @@ def reset(trial: Trial) -> None:
 
 
 def inactive(trial: Trial) -> None:
-    """Some games held; the others play on as if nothing had been held."""
+    """Check that games continue unchanged while others are held inactive."""
     active = np.arange(GAMES) < 4
     with trial.game(seed=2) as held, trial.game(seed=2) as free:
         play = Play(free, 4)
@@ -102,7 +102,7 @@ def _disturbed(step: GameStep, full: GameStep, active: Array) -> str | None:
 
 
 def ended(trial: Trial) -> None:
-    """Until all have ended; then a reset."""
+    """Check that ended games stay ended until a reset."""
     with trial.game() as game:
         play = Play(game)
         over = np.zeros(GAMES, bool)
@@ -120,7 +120,7 @@ def ended(trial: Trial) -> None:
 
 
 def bounds(trial: Trial) -> None:
-    """Far out of bounds, and at the bounds."""
+    """Check actions far out of bounds, and at the bounds."""
     with trial.game(seed=5) as wild, trial.game(seed=5) as tame:
         play = Play(wild)
         for _ in range(3):
@@ -136,7 +136,7 @@ def bounds(trial: Trial) -> None:
 
 
 def beside(trial: Trial) -> None:
-    """The same first games, with other actions in the others."""
+    """Check that games do not depend on the actions in other games of the batch."""
     mine = np.arange(GAMES) < 2
     with trial.game(seed=6) as left, trial.game(seed=6) as right:
         play, others = Play(left, 1), Play(right, 2)
@@ -150,7 +150,7 @@ def beside(trial: Trial) -> None:
 
 
 def buffers(trial: Trial) -> None:
-    """What was handed out before a step, after it."""
+    """Check that returned arrays do not change at the next step."""
     with trial.game() as game:
         play = Play(game)
         for _ in range(3):
@@ -161,7 +161,7 @@ def buffers(trial: Trial) -> None:
 
 
 def first(trial: Trial) -> None:
-    """No reset."""
+    """Check that the first reset is not required to be asked for."""
     with trial.game(1, seed=None) as game:
         try:
             game.step(Play(game).actions())
@@ -175,7 +175,7 @@ def first(trial: Trial) -> None:
 
 
 def one(trial: Trial) -> None:
-    """A single one."""
+    """Check a single game."""
     with trial.game(1) as game, reported_as(f"game {trial.name!r}", GAME_CHECKS["one"]):
         step = Play(game).run(25)
         if step.done.shape != (1,):
@@ -183,7 +183,7 @@ def one(trial: Trial) -> None:
 
 
 def views(trial: Trial) -> None:
-    """PettingZoo's and Gymnasium's checkers on the views of a single game."""
+    """Check the views of a single game with PettingZoo's and Gymnasium's checkers."""
     from gymnasium.utils.env_checker import check_env
     from pettingzoo.test import parallel_api_test, parallel_seed_test
 

@@ -1,4 +1,4 @@
-"""Promises of a game that one play shows: its layout, its arrays, its endings."""
+"""Checks of a game that need one play: its layout, its arrays, its endings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ LONGEST = 1000
 
 
 def layout(trial: Trial) -> None:
-    """Sizes, blocks, channels, bounds, causes."""
+    """Check sizes, blocks, channels, bounds and causes."""
     with trial.game(2) as game:
         found = game.layout
         if len(found.sides) != 2 or found.sides[0].name == found.sides[1].name:
@@ -27,7 +27,7 @@ def layout(trial: Trial) -> None:
 
 
 def _misfit(side: SideLayout) -> str | None:
-    """What is wrong with a side, or ``None``."""
+    """Describe what is wrong with a side, or return ``None``."""
     if not side.action_low < side.action_high:
         return f"action bounds {side.action_low}, {side.action_high}"
     if side.observation_size < 1 or side.action_size < 1:
@@ -47,7 +47,7 @@ def _misfit(side: SideLayout) -> str | None:
 
 
 def arrays(trial: Trial) -> None:
-    """Shapes, types and finiteness of all that a step gives."""
+    """Check shapes, types and finiteness of all arrays of a step."""
     with trial.game() as game:
         _look_at_observations(trial, game, "after reset")
         play = Play(game)
@@ -79,7 +79,7 @@ def _look_at_step(trial: Trial, step: GameStep) -> None:
 
 
 def endings(trial: Trial) -> None:
-    """What is said of games that end, and of those that go on."""
+    """Check the outcomes of ended games, and of running ones."""
     ended: dict[str, int] = {}
     with trial.game() as game:
         play = Play(game)

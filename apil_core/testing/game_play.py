@@ -1,4 +1,4 @@
-"""Random play of a game and a trace of all it gave, for checks that compare traces."""
+"""Random play of a game, recorded as a trace, for checks that compare traces."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GAMES = 6
 
 @dataclass
 class Trial:
-    """A game under examination.
+    """A game under test.
 
     Attributes:
         name: for messages.
@@ -33,12 +33,12 @@ class Trial:
     endings: dict[str, int] = field(default_factory=dict)
 
     def broken(self, check: str, happened: str) -> ContractError:
-        """The error for one of :data:`GAME_CHECKS`."""
+        """Make the error for one of :data:`GAME_CHECKS`."""
         return ContractError(f"game {self.name!r}", GAME_CHECKS[check], happened)
 
     @contextmanager
     def game(self, num_envs: int = GAMES, *, threads: int = 1, seed: int | None = 0) -> Iterator[Game]:
-        """Fresh games, seeded and reset unless ``seed`` is ``None``; closed afterwards."""
+        """Make games, seeded and reset unless ``seed`` is ``None``; closed afterwards."""
         game = self.make(num_envs, threads)
         try:
             if seed is not None:
@@ -50,7 +50,7 @@ class Trial:
 
 
 class Play:
-    """Random actions from a seed; ended games restart; keeps a copy of all that came.
+    """Plays random actions from a seed, restarts ended games, and records copies of all outputs.
 
     Args:
         game: to play.
@@ -63,7 +63,7 @@ class Play:
         self.trace: list[Array] = []
 
     def actions(self) -> tuple[Array, Array]:
-        """Normal ones of both sides, each (n, a) float32; about a third out of bounds."""
+        """Draw normal actions for both sides, each (n, a) float32; about a third out of bounds."""
         first, second = (
             self.rng.normal(0, side.action_limit, (self.game.num_envs, side.action_size)).astype(np.float32)
             for side in self.game.layout.sides
@@ -71,7 +71,7 @@ class Play:
         return first, second
 
     def run(self, steps: int) -> GameStep:
-        """Play that many steps; returns the last one's outcome."""
+        """Play that many steps; return the last one's outcome."""
         for _ in range(steps):
             step = self.game.step(self.actions())
             self.trace += [o.copy() for o in self.game.observations]
@@ -83,13 +83,13 @@ class Play:
 
 
 def parts(step: GameStep) -> dict[str, Array]:
-    """A step's arrays by name, ``lengths`` left out: they are the clock's."""
+    """A step's arrays by name, without ``lengths``, which depend on the clock."""
     names = ("sparse", "dense", "shaping", "done", "winner", "cause")
     return {name: getattr(step, name) for name in names}
 
 
 def same(first: Play, second: Play) -> bool:
-    """Whether two traces are equal bit for bit."""
+    """Return whether two traces are equal bit for bit."""
     if len(first.trace) != len(second.trace):
         return False
     pairs = zip(first.trace, second.trace, strict=True)
@@ -97,17 +97,17 @@ def same(first: Play, second: Play) -> bool:
 
 
 def same_views(left: Sequence[Array], right: Sequence[Array], rows: Any = ...) -> bool:
-    """Whether both sides' observations are equal bit for bit, in those rows."""
+    """Return whether both sides' observations are equal bit for bit, in those rows."""
     return all(np.array_equal(a[rows], b[rows]) for a, b in zip(left, right, strict=True))
 
 
 def snapshot(game: Game) -> list[Array]:
-    """Copies of both observations."""
+    """Copy both observations."""
     return [o.copy() for o in game.observations]
 
 
 def plain(value: Any) -> bool:
-    """Whether a state is made of arrays, numbers, strings and dicts with strings as keys."""
+    """Return whether a state consists of arrays, numbers, strings and dicts with string keys."""
     if isinstance(value, dict):
         return all(isinstance(key, str) and plain(item) for key, item in value.items())
     return isinstance(value, np.ndarray | int | float | str)

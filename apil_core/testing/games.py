@@ -1,4 +1,4 @@
-"""``check_game``: a game through the whole contract of ``apil_core.Game``."""
+"""``check_game``: check a game against the whole contract of ``apil_core.Game``."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def check_game(
     plugins: Sequence[str | Path] = (),
     options: Mapping[str, Any] | None = None,
 ) -> GameReport:
-    """Whether a game passes every check of :class:`apil_core.Game`, with random players.
+    """Run every check of :class:`apil_core.Game` on a game, with random players.
 
     What is checked and what a failure looks like: docs/testing.md.
 
@@ -65,7 +65,7 @@ def check_game(
 
 
 def trial_of(registry: PluginRegistry, name: str, options: Mapping[str, Any] | None = None) -> Trial:
-    """A game of a registry, made short where it can be."""
+    """Make the trial of a registered game, shortened where possible."""
     chosen = dict(options or {})
     model = registry.game(name).config
     if "max_steps" not in chosen and model is not None and "max_steps" in load(model).model_fields:
@@ -78,7 +78,7 @@ def trial_of(registry: PluginRegistry, name: str, options: Mapping[str, Any] | N
 
 
 def check_spec(registry: PluginRegistry, name: str, options: Mapping[str, Any] | None) -> list[str]:
-    """What can be said without playing; returns what could not be checked."""
+    """Check the spec without playing; return what could not be checked."""
     who, check, spec = f"game {name!r}", GAME_CHECKS["spec"], registry.game(name)
     if spec.victim_side not in (0, 1):
         raise ContractError(who, check, f"victim_side must be 0 or 1, got {spec.victim_side}")

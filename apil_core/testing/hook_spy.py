@@ -1,4 +1,4 @@
-"""A hook manager that notes every call of a run: who was asked when, how long it took, what it changed."""
+"""A hook manager that records every call of a run: hook, time, and modified arguments."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from apil_core.plugins.unchanged import changed, copies
 
 @dataclass
 class Call:
-    """One call of a hook that somebody fills.
+    """One call of an implemented hook.
 
     Attributes:
         hook: its name.
@@ -35,7 +35,7 @@ class Call:
 
 @dataclass
 class Mistake:
-    """What a hook did that it should not.
+    """A violation of the hook contract.
 
     Attributes:
         check: key of ``METHOD_CHECKS``.
@@ -59,7 +59,7 @@ class _Open:
 
 
 class HookSpy:
-    """What a run's hooks did.
+    """Records the hook calls of a run.
 
     Attributes:
         calls: all calls of hooks that somebody fills, as they began.
@@ -72,7 +72,7 @@ class HookSpy:
         self._open: list[_Open] = []
 
     def before(self, hook: str, impls: Sequence[pluggy.HookImpl], arguments: Mapping[str, Any]) -> None:
-        """For pluggy: a call begins."""
+        """Called by pluggy before a call."""
         if not impls:
             return
         entered = time.process_time()
@@ -86,7 +86,7 @@ class HookSpy:
     def after(
         self, outcome: Any, hook: str, impls: Sequence[pluggy.HookImpl], arguments: Mapping[str, Any]
     ) -> None:
-        """For pluggy: it ended, well or not."""
+        """Called by pluggy after a call, successful or not."""
         if not impls:
             return
         ended = time.process_time()
@@ -124,7 +124,7 @@ def _random_states() -> tuple[bytes, bytes, int]:
 
 
 def _plain(arguments: Mapping[str, Any]) -> str:
-    """Numbers and strings in dicts among the arguments (``metrics``, ``result``), tensors left out."""
+    """Numbers and strings in dict arguments (``metrics``, ``result``), without tensors."""
     return repr({name: _numbers(value) for name, value in arguments.items() if isinstance(value, Mapping)})
 
 
@@ -135,10 +135,10 @@ def _numbers(value: Any) -> Any:
 
 
 def spied_hooks(spy: HookSpy) -> type[RunHookManager]:
-    """A class of hook managers whose calls ``spy`` records."""
+    """Make a class of hook managers whose calls ``spy`` records."""
 
     class SpiedHooks(RunHookManager):
-        """The real thing, listened to."""
+        """The real hook manager, with recording."""
 
         def __init__(self, *arguments: Any, **keywords: Any):
             super().__init__(*arguments, **keywords)

@@ -1,4 +1,4 @@
-"""The hook calls of the watched run: whether each came in its place, and what they cost."""
+"""Checks of the recorded hook calls: their order and their cost."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PER_ROLLOUT = ("finish_rollout", "combine_advantages", "update_auxiliary", "ite
 
 
 def check_calls(tested: MethodUnderTest, run: WatchedRun) -> None:
-    """Every call in its place, and every hook that the method fills called."""
+    """Check the order of the calls, and that every hook that the method implements is called."""
     calls = run.spy.calls
     hooks = run.trainer.attack.hooks
     method = run.trainer.attack.methods[tested.spec.name]
@@ -75,7 +75,7 @@ def expected_calls(fillers: dict[str, list[str]], *, rollouts: int, steps: int) 
 
 
 def first_difference(made: Sequence[str], expected: Sequence[str]) -> int | None:
-    """Where two sequences part, or ``None``."""
+    """First position at which two sequences differ, or ``None``."""
     for i in range(max(len(made), len(expected))):
         if i >= len(made) or i >= len(expected) or made[i] != expected[i]:
             return i
@@ -83,7 +83,7 @@ def first_difference(made: Sequence[str], expected: Sequence[str]) -> int | None
 
 
 def costs(tested: MethodUnderTest, run: WatchedRun) -> tuple[list[HookCost], float]:
-    """What the watched run's hooks took: a row per hook, and seconds per vectorised step for all of them."""
+    """Time of the recorded run's hooks: a row per hook, and seconds per vectorised step in total."""
     mine = [call for call in run.spy.calls if tested.spec.name in call.plugins]
     rows = []
     for hook in dict.fromkeys(call.hook for call in mine):

@@ -1,4 +1,4 @@
-"""Checks of a trained adversary without its run, and blinded. Each raises ContractError."""
+"""Checks of a trained adversary outside its run, and blinded. Each raises ContractError."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ EPISODES, STEPS = 4, 6
 
 
 def check_playing(tested: MethodUnderTest, run: WatchedRun) -> None:
-    """The trained adversary, loaded twice from its run's directory, and blinded.
+    """Check the trained adversary, loaded twice from its run's directory, and blinded.
 
     As a policy it keeps that contract, too: it can sit in a victim's seat.
     """
@@ -40,7 +40,7 @@ def check_playing(tested: MethodUnderTest, run: WatchedRun) -> None:
 
 
 def check_blinding(tested: MethodUnderTest, pairing: Pairing) -> None:
-    """As ``apil eval --blind initial --blind-imitator``."""
+    """Check it as in ``apil eval --blind initial --blind-imitator``."""
     if not pairing.game.layout.sides[pairing.side].opponent_channels:
         tested.skipped.append(f"blinding: game {tested.env} names no opponent channels")
         return
@@ -50,7 +50,7 @@ def check_blinding(tested: MethodUnderTest, pairing: Pairing) -> None:
 
 @torch.inference_mode()
 def first_actions(pairing: Pairing) -> Tensor:
-    """What the adversary does in the first steps of some games, (STEPS, EPISODES, a)."""
+    """The adversary's actions in the first steps of some games, (STEPS, EPISODES, a)."""
     sides = pairing.game.layout.sides
     check_policy(pairing.adversary, sides[pairing.side], sides[1 - pairing.side], second=True)
     pairing.adversary.seed(0)

@@ -29,7 +29,7 @@ from apil_core.training.trainer import Trainer
 
 @dataclass
 class WatchedRun:
-    """The run that is looked at from all sides.
+    """The recorded run, used by several checks.
 
     Attributes:
         out: its directory.
@@ -47,7 +47,7 @@ class WatchedRun:
 
 
 def built(tested: MethodUnderTest, seed: int = 0) -> tuple[dict[str, Method], RunHookManager]:
-    """The method and what it requires, by name, and the manager of their hooks; no run."""
+    """Build the method and what it requires, by name, and the manager of their hooks; no run."""
     with reported_as(tested.who, METHOD_CHECKS["spec"]):
         config = complete(tested.config(seed=seed, num_envs=2), tested.registry)
         game = make_game(config.env, num_envs=1, threads=1, options=config.game, plugins=tested.registry)
@@ -61,7 +61,7 @@ def built(tested: MethodUnderTest, seed: int = 0) -> tuple[dict[str, Method], Ru
 
 
 def check_state(tested: MethodUnderTest, method: Method, when: str) -> None:
-    """Plain, through a file, and into a fresh object.
+    """Check saved state: its types, through a file, and loaded into a fresh object.
 
     Args:
         tested: whose state it is.
@@ -103,14 +103,14 @@ def watched_run(tested: MethodUnderTest, out: Path) -> WatchedRun:
 
 
 def check_same_seed(tested: MethodUnderTest, run: WatchedRun, out: Path) -> None:
-    """The watched run once more, unwatched."""
+    """Check that the recorded run, repeated without recording, gives the same numbers."""
     train(tested, tested.config(), out, check="seed")
     if paths := differences(run.state, final_state(out)):
         raise tested.broken("seed", f"two runs of one seed differ in {_some(paths)}")
 
 
 def check_other_seed(tested: MethodUnderTest) -> None:
-    """The first weights of two seeds."""
+    """Check that two seeds give different first weights."""
     with reported_as(tested.who, METHOD_CHECKS["seed"]):
         weights = [_first_weights(tested, seed) for seed in (0, 1)]
     if not differences(*weights):
@@ -126,7 +126,7 @@ def _first_weights(tested: MethodUnderTest, seed: int) -> Any:
 
 
 def check_resume(tested: MethodUnderTest, run: WatchedRun, out: Path) -> None:
-    """From the second checkpoint to the end, in fresh objects."""
+    """Check that resuming from the second checkpoint, in fresh objects, gives the same numbers."""
     middle = RunDir(run.out).checkpoint_path(2)
     train(tested, run.config, out, check="resume", checkpoint_path=middle)
     if paths := differences(run.state, final_state(out)):
@@ -142,13 +142,13 @@ _CLOCKS = ("seconds", "_mb", "steps_per_second")
 
 
 def _metrics(out: Path) -> dict[int, dict[str, Any]]:
-    """Rows of the log by iteration, without what the clock says."""
+    """Rows of the log by iteration, without timings."""
     rows = map(json.loads, RunDir(out).metrics_path.read_text("utf-8").splitlines())
     return {row["iteration"]: {k: v for k, v in row.items() if not k.endswith(_CLOCKS)} for row in rows}
 
 
 def check_sizes(tested: MethodUnderTest, folder: Path) -> None:
-    """A single game, and more games than steps."""
+    """Check a single game, and more games than steps."""
     one = {"num_envs": 1, "steps": 16, "ppo": {"num_steps": 16, "epochs": 1, "minibatches": 2}}
     many = {"num_envs": 37, "steps": 37 * 3, "ppo": {"num_steps": 3, "epochs": 1, "minibatches": 2}}
     train(tested, tested.config(**one), folder / "one", check="one game")

@@ -28,7 +28,7 @@ HEAVY = ("torch", "mujoco")
 
 
 def check_spec(tested: MethodUnderTest) -> None:
-    """Name, summary, factory, hook specifications and requirements."""
+    """Check name, summary, factory, hook specifications and requirements."""
     spec = tested.spec
     if not spec.name or any(character in spec.name for character in ". \n=/"):
         raise tested.broken("spec", f"name {spec.name!r} cannot stand in options.<name>.<key>")
@@ -53,7 +53,7 @@ def _hookspecs(module: Any) -> Iterator[str]:
 
 
 def check_import(who: str, check: Check, registry: PluginRegistry, kind: str, name: str) -> str | None:
-    """Import the module that offers ``name`` in a fresh interpreter and look at what came along.
+    """Import the module that offers ``name`` in a new interpreter and check its imports.
 
     Args:
         who: for the message.
@@ -81,7 +81,7 @@ def check_import(who: str, check: Check, registry: PluginRegistry, kind: str, na
 
 @cache
 def _heavy_imports(module: str) -> tuple[str, ...]:
-    """Which of :data:`HEAVY` an import brings in.
+    """Return which of :data:`HEAVY` an import loads.
 
     Raises:
         PluginError: it cannot be imported on its own.
@@ -97,7 +97,7 @@ def _heavy_imports(module: str) -> tuple[str, ...]:
 
 
 def check_options(who: str, check: Check, reference: str | None) -> None:
-    """The options model: unknown keys, docstrings, defaults, JSON."""
+    """Check the options model: unknown keys, docstrings, defaults, JSON."""
     if reference is None:
         return
     with reported_as(who, check):
@@ -136,7 +136,7 @@ def _sections(name: str, model: type[BaseModel]) -> Iterator[tuple[str, type[Bas
 
 
 def check_marks(tested: MethodUnderTest, method: Method, manager: RunHookManager) -> None:
-    """Functions named like a hook, but not marked; hooks that belong to the module."""
+    """Check for functions named like a hook but not marked, and for hooks of another module."""
     name, hooks = type(method).__name__, manager.manager
     for hook in unmarked(hooks, type(method)):
         text = f"{name}.{hook} is named like a hook but not marked with @hookimpl: nobody would call it"
@@ -148,6 +148,6 @@ def check_marks(tested: MethodUnderTest, method: Method, manager: RunHookManager
 
 
 def check_answers(tested: MethodUnderTest, manager: RunHookManager) -> None:
-    """Hooks that can never answer."""
+    """Check for hooks that can never be called."""
     for line in forgotten(manager.manager, tested.spec.name):
         raise tested.broken("answers", line, hook_in(line))

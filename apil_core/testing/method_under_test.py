@@ -1,4 +1,4 @@
-"""What is checked: a method with the plugins it is found among, and runs of it."""
+"""The method under test, with its plugins, and short runs of it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SHORT = 5
 
 @dataclass
 class MethodUnderTest:
-    """A method under examination.
+    """A method under test.
 
     Attributes:
         spec: its spec.
@@ -45,15 +45,15 @@ class MethodUnderTest:
 
     @property
     def who(self) -> str:
-        """For messages."""
+        """Name for messages."""
         return f"method {self.spec.name!r}"
 
     def broken(self, check: str, happened: str, hook: str | None = None) -> ContractError:
-        """The error for one of :data:`METHOD_CHECKS`."""
+        """Make the error for one of :data:`METHOD_CHECKS`."""
         return ContractError(self.who, METHOD_CHECKS[check], happened, hook)
 
     def config(self, **changes: Any) -> RunConfig:
-        """A run of the method: 6 games, 4 rollouts of 8 steps, all of it kept."""
+        """A run of the method: 6 games, 4 rollouts of 8 steps, all checkpoints kept."""
         spec = self.registry.game(self.env)
         shortened = spec.config is not None and "max_steps" in load(spec.config).model_fields
         base: dict[str, Any] = {
@@ -76,7 +76,7 @@ def find(
     options: Mapping[str, Any] | None,
     env: str,
 ) -> MethodUnderTest:
-    """The method among all installed plugins and the files given.
+    """Find the method among all installed plugins and the files given.
 
     Raises:
         ContractError: its plugin is broken.
@@ -94,7 +94,7 @@ def find(
 
 
 def registry_with(who: str, check: Check, plugins: Sequence[str | Path]) -> PluginRegistry:
-    """A registry of the check's own: others are not to meet what is added to it.
+    """Make a separate registry, so that what is added to it does not affect others.
 
     Raises:
         ContractError: one of the files is broken.
@@ -106,7 +106,7 @@ def registry_with(who: str, check: Check, plugins: Sequence[str | Path]) -> Plug
 
 
 def raise_if_broken(who: str, check: Check, registry: PluginRegistry, name: str) -> None:
-    """A name nobody offers may be that of a plugin that was left out; then say why it was."""
+    """If a plugin that was left out may offer the unknown name, raise the reason it was left out."""
     for record in registry.records:
         if record.error is not None and record.name == name:
             text = f"plugin {record.name!r} ({record.origin}) is broken: {record.error}"
@@ -152,5 +152,5 @@ def train(
 
 
 def final_state(out: Path) -> dict[str, Any]:
-    """What a run's newest checkpoint holds."""
+    """Read a run's newest checkpoint."""
     return checkpoint.read(RunDir(out).newest_checkpoint())

@@ -1,4 +1,4 @@
-"""``check_method``: a method through the whole contract, the cheap parts first."""
+"""``check_method``: check a method against the whole contract, fast checks first."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def check_method(
     options: Mapping[str, Any] | None = None,
     env: str = "toy-pursuit",
 ) -> MethodReport:
-    """Whether a method passes every check of docs/testing.md; some runs of a fraction of a second each.
+    """Run every check of docs/testing.md on a method; some are runs of a fraction of a second each.
 
     What is checked, in which order, and what a failure looks like: docs/testing.md.
 
@@ -54,7 +54,7 @@ def check_method(
 
 
 def without_a_run(tested: MethodUnderTest) -> None:
-    """Spec, module, options, marks, answers, and the state as built."""
+    """Check spec, module, options, marks, answers, and the state as built."""
     method_spec.check_spec(tested)
     spec, who = tested.spec, tested.who
     with_reason = method_spec.check_import(
@@ -71,7 +71,7 @@ def without_a_run(tested: MethodUnderTest) -> None:
 
 
 def in_runs(tested: MethodUnderTest, folder: Path) -> MethodReport:
-    """Everything else; runs go below ``folder``."""
+    """Run the remaining checks; runs are stored in ``folder``."""
     run = method_runs.watched_run(tested, folder / "watched")
     method_calls.check_calls(tested, run)
     method_runs.check_state(tested, run.trainer.attack.methods[tested.spec.name], "after training")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def apil_files(tmp_path: Path) -> Iterator[None]:
-    """Forget one-file plugins of the test's directory when it is over: their names are modules' names."""
+    """Unload one-file plugins of the test's directory after the test: their names are module names."""
     before = set(sys.modules)
     yield
     for name in set(sys.modules) - before:

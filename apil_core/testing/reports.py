@@ -1,4 +1,4 @@
-"""What the checks found, with a short plain table each."""
+"""Results of the checks, each with a short plain-text table."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class HookCost:
-    """One hook in the watched tiny run.
+    """Cost of one hook in the recorded run.
 
     Attributes:
         hook: its name.
@@ -136,7 +136,7 @@ def _skipped(skipped: Sequence[str]) -> list[str]:
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines with aligned columns, two spaces in."""
+    """Format lines with aligned columns, indented by two spaces."""
     widths = [max(len(row[i]) for row in [head, *rows]) for i in range(len(head))]
     lines = (
         "  ".join(cell.ljust(width) for cell, width in zip(r, widths, strict=True)) for r in [head, *rows]

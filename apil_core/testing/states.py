@@ -1,4 +1,4 @@
-"""Comparing saved states: nested dicts and lists of tensors, numbers and strings."""
+"""Compare saved states: nested dicts and lists of tensors, numbers and strings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def differences(a: Any, b: Any) -> list[str]:
-    """Paths at which two states differ, wall-clock time and the stored configuration aside."""
+    """Paths at which two states differ, without wall-clock time and the stored configuration."""
     left, right = dict(leaves(a)), dict(leaves(b))
     paths = [*left, *(path for path in right if path not in left)]
     return [
@@ -34,7 +34,7 @@ def differences(a: Any, b: Any) -> list[str]:
 
 
 def equal(a: Any, b: Any) -> bool:
-    """Whether two leaves are the same bit for bit; NaN equals NaN."""
+    """Return whether two leaves are the same bit for bit; NaN equals NaN."""
     if isinstance(a, torch.Tensor) and isinstance(b, torch.Tensor):
         if a.shape != b.shape or a.dtype != b.dtype:
             return False

@@ -1,4 +1,4 @@
-"""Runs of a second on the toy game, for tests."""
+"""Runs of about a second on the toy game, for tests."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def tiny_config(method: str = "adrl", env: str = "toy-pursuit", **changes: Any) -> RunConfig:
-    """A few thousand steps, without evaluation and TensorBoard.
+    """Configuration of a few thousand steps, without evaluation and TensorBoard.
 
     Args:
         method: attack method.
@@ -37,7 +37,7 @@ def tiny_config(method: str = "adrl", env: str = "toy-pursuit", **changes: Any) 
 
 
 def tiny_run(config_or_method: RunConfig | str, out: Path, plugins: Sequence[str | Path] = ()) -> RunResult:
-    """Train as :func:`tiny_config` says.
+    """Train with :func:`tiny_config`.
 
     Args:
         config_or_method: a configuration, or the name of a method.

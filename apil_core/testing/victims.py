@@ -1,4 +1,4 @@
-"""``check_victim``: a policy in its seat, from its name to a score."""
+"""``check_victim``: check a policy as a victim, from its name to a score."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _DIGEST = re.compile(r"[0-9a-f]{64}")
 
 @dataclass
 class Candidate:
-    """A victim under examination.
+    """A victim under test.
 
     Attributes:
         name: as given.
@@ -49,15 +49,15 @@ class Candidate:
 
     @property
     def who(self) -> str:
-        """For messages."""
+        """Name for messages."""
         return f"victim {self.name!r}"
 
     def broken(self, check: str, happened: str) -> ContractError:
-        """The error for one of :data:`VICTIM_CHECKS`."""
+        """Make the error for one of :data:`VICTIM_CHECKS`."""
         return ContractError(self.who, VICTIM_CHECKS[check], happened)
 
     def load(self, name: str) -> Policy:
-        """The policy of that name in the seat, trusted: its author is asking."""
+        """Load the policy of that name for the seat, trusted, since its author runs the check."""
         with reported_as(self.who, VICTIM_CHECKS["load"]):
             return load_victim(name, self.game, self.side, "cpu", self.registry, LoadOptions(trust=True))
 
@@ -65,7 +65,7 @@ class Candidate:
 def check_victim(
     name: str, env: str, *, plugins: Sequence[str | Path] = (), side: Literal[0, 1] | None = None
 ) -> VictimReport:
-    """Whether a policy can be a victim: loaded by name, acting as it must, the same each time.
+    """Check that a policy can be a victim: loads by name, acts correctly, and is deterministic.
 
     What is checked and what a failure looks like: docs/testing.md. Code that the name may run is trusted.
 
@@ -110,7 +110,7 @@ def check_victim(
 
 
 def check_identity(candidate: Candidate) -> Policy:
-    """It loads, under the name it says it has, with the same hash."""
+    """Check that it loads, under its own name, with the same hash."""
     policy = candidate.load(candidate.name)
     again = candidate.load(policy.info.name)
     if again.info.name != policy.info.name:
@@ -124,7 +124,7 @@ def check_identity(candidate: Candidate) -> Policy:
 
 
 def check_acting(candidate: Candidate, policy: Policy) -> list[str]:
-    """Everything that ``apil victims check`` looks at; returns its notes."""
+    """Run the checks of ``apil victims check``; return its notes."""
     sides = candidate.game.layout.sides
     found = examine(policy, sides[candidate.side], sides[1 - candidate.side])
     for error in found.errors:
@@ -134,7 +134,7 @@ def check_acting(candidate: Candidate, policy: Policy) -> list[str]:
 
 
 def check_same(candidate: Candidate) -> None:
-    """Two copies side by side, and one that takes over from the other's state."""
+    """Check that two copies act alike, as does one that loads the other's state."""
     left, right = candidate.load(candidate.name), candidate.load(candidate.name)
     one, other = _Seated(candidate, left), _Seated(candidate, right)
     if not torch.equal(one.act(STEPS), other.act(STEPS)):
@@ -148,7 +148,7 @@ def check_same(candidate: Candidate) -> None:
 
 
 class _Seated:
-    """A policy shown the same made-up observations step by step."""
+    """A policy that is shown the same artificial observations step by step."""
 
     def __init__(self, candidate: Candidate, policy: Policy, random: Tensor | None = None, step: int = 0):
         self.candidate, self.policy, self.step = candidate, policy, step
@@ -178,7 +178,7 @@ class _Seated:
 
 
 def check_playing(candidate: Candidate, env: str) -> EvaluationResult:
-    """A few games against noise, twice."""
+    """Play a few games against noise, twice."""
     with reported_as(candidate.who, VICTIM_CHECKS["play"]):
         results = [
             evaluate(

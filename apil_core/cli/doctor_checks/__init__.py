@@ -1,4 +1,4 @@
-"""What works on this machine and what does not, with a remedy: ``apil doctor``; no check stops another."""
+"""Checks of ``apil doctor``, with remedies; a failing check does not stop the others."""
 
 from __future__ import annotations
 
@@ -59,14 +59,14 @@ class Report(BaseModel):
     @computed_field  # type: ignore[prop-decorator]  # pydantic's own idiom
     @property
     def status(self) -> Status:
-        """The worst of all findings."""
+        """The worst status of all findings."""
         found = {finding.status for finding in self.findings}
         return "error" if "error" in found else "warning" if "warning" in found else "ok"
 
 
 @dataclass(frozen=True)
 class Scope:
-    """Working plugins, one-file plugins asked for; ``quick`` leaves out what takes seconds.
+    """Working plugins and requested one-file plugins; ``quick`` skips checks that take seconds.
 
     What breaks ``default_game``, the game of a plain ``apil run``, is an error.
     """
@@ -77,12 +77,12 @@ class Scope:
     default_game: str = field(default_factory=lambda: RunConfig().env)
 
     def games(self) -> list[GameSpec]:
-        """The games that can be made from their name alone, the default one first; no families."""
+        """Games that can be made from their name alone, the default one first; no families."""
         found = [spec for spec in self.plugins.games.values() if not spec.family]
         return sorted(found, key=lambda spec: spec.name != self.default_game)
 
     def unless_default(self, game: str) -> Status:
-        """How bad it is if ``game`` does not work."""
+        """Status of a failure of ``game``: an error for the default game, a warning for others."""
         return "error" if game == self.default_game else "warning"
 
 
@@ -92,7 +92,7 @@ def examine(
     quick: bool = False,
     watch: Callable[[str], None] = lambda name: None,
 ) -> Report:
-    """Look at everything ``apil`` needs.
+    """Run all checks.
 
     Args:
         plugin_files: one-file plugins to look at too; a broken one is a finding.
@@ -108,7 +108,7 @@ def examine(
 
 
 def find_plugins(files: Sequence[Path]) -> tuple[PluginRegistry, list[Finding]]:
-    """Working plugins; or none, and a finding that says why no plugin can be used at all."""
+    """Return the working plugins; or none, and a finding that says why no plugin can be used at all."""
     try:
         return discover(files, forgiving=True), []
     except PluginError as reason:  # APIL_STRICT_PLUGINS=1 asks for it
@@ -117,7 +117,7 @@ def find_plugins(files: Sequence[Path]) -> tuple[PluginRegistry, list[Finding]]:
 
 
 def guarded(name: str, check: Callable[[], Iterable[Finding]]) -> Iterator[Finding]:
-    """The check's findings; if it breaks, those it had made so far and one that says so."""
+    """Return the check's findings; if it raises, those so far and one about the error."""
     try:
         yield from check()
     except Exception as error:

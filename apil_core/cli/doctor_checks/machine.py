@@ -1,4 +1,4 @@
-"""The machine: Python, packages, processor, the learner's libraries with their GPU, and disk."""
+"""Checks of the machine: Python, packages, processor, the learner's libraries with their GPU, and disk."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _GROUPS = Path("/sys/fs/cgroup")
 
 
 def python(scope: Scope) -> Iterator[Finding]:
-    """Whether this Python is one we support."""
+    """Check that this Python version is supported."""
     try:
         wanted = (metadata.metadata("apil").get_all("Requires-Python") or [""])[0]
     except metadata.PackageNotFoundError:
@@ -43,7 +43,7 @@ def python(scope: Scope) -> Iterator[Finding]:
 
 
 def judge_python(version: str, wanted: str, executable: str) -> Finding:
-    """What to say of Python ``version`` where the distribution asks for ``wanted``, e.g. ``">=3.11"``."""
+    """Judge Python ``version`` where the distribution requires ``wanted``, e.g. ``">=3.11"``."""
     text = f"{version} ({executable})"
     if not SpecifierSet(wanted).contains(version, prereleases=True):
         remedy = "make a new environment with that Python"
@@ -63,12 +63,12 @@ class Package:
 
     @property
     def fits(self) -> bool:
-        """Whether it is here in a version asked for."""
+        """Return whether a required version is installed."""
         return self.found is not None and self.requirement.specifier.contains(self.found, prereleases=True)
 
     @property
     def asked(self) -> str:
-        """As pip takes it, e.g. ``"numpy>=2.0"``."""
+        """The requirement as pip takes it, e.g. ``"numpy>=2.0"``."""
         return f"{self.requirement.name}{self.requirement.specifier}"
 
     def __str__(self) -> str:
@@ -76,7 +76,7 @@ class Package:
 
 
 def packages(scope: Scope) -> Iterator[Finding]:
-    """All required packages in one line, each wrong one in its own, and a line for each extra."""
+    """All required packages in one line, each missing or wrong one in its own, and a line for each extra."""
     try:
         distribution = metadata.distribution("apil")
     except metadata.PackageNotFoundError:
@@ -103,7 +103,7 @@ def packages(scope: Scope) -> Iterator[Finding]:
 
 
 def packages_of(requirements: Iterable[str], extra: str = "") -> list[Package]:
-    """The packages that ``requirements`` ask for on this machine: without extras, or by ``extra`` alone."""
+    """Packages that ``requirements`` name for this machine: without extras, or by ``extra`` alone."""
 
     def applies(requirement: Requirement, extra: str) -> bool:
         return requirement.marker is None or requirement.marker.evaluate({"extra": extra})
@@ -123,7 +123,7 @@ def _version(name: str) -> str | None:
 
 
 def cpu(scope: Scope) -> Iterator[Finding]:
-    """CPUs of the machine, those this process may use, and what keeps it from them."""
+    """Check the machine's CPUs, those usable by this process, and the limit that applies."""
     usable = usable_cpus()
     limit = container_limit(Path("/proc/self/cgroup"), _GROUPS, _GROUPS / "cpu")
     yield judge_cpus(os.cpu_count() or 1, usable, limit)
@@ -138,7 +138,7 @@ def cpu(scope: Scope) -> Iterator[Finding]:
 
 
 def judge_cpus(total: int, usable: int, limit: float | None) -> Finding:
-    """What to say of ``total`` CPUs, of which ``usable``, where a container gets the time of ``limit``."""
+    """Judge ``total`` CPUs, ``usable`` of them available, where a container has the CPU time of ``limit``."""
     text = f"{total} CPUs" if usable == total else f"{usable} of {total} CPUs may be used"
     if limit is None or limit >= usable:
         return Finding("cpu", "ok", text)
@@ -147,7 +147,7 @@ def judge_cpus(total: int, usable: int, limit: float | None) -> Finding:
 
 
 def container_limit(membership: Path, v2: Path, v1: Path) -> float | None:
-    """CPUs' worth of time that control groups and those above them grant, or ``None`` without a limit.
+    """Return the CPU quota, in CPUs, of this control group and its parents, or ``None`` without a limit.
 
     Args:
         membership: ``/proc/self/cgroup``.
@@ -177,7 +177,7 @@ def _text(file: Path) -> str:
 
 
 def learner(scope: Scope) -> Iterator[Finding]:
-    """Whether what training needs can be imported, and what torch sees."""
+    """Check that training's dependencies can be imported, and report what torch detects."""
     try:
         facts = attempt("libraries")
     except TrialError as reason:
@@ -190,7 +190,7 @@ def learner(scope: Scope) -> Iterator[Finding]:
 
 
 def judge_gpu(names: Sequence[str]) -> Finding:
-    """What to say of the GPUs torch can use; none is as good as any."""
+    """Judge the GPUs torch can use; having none is fine."""
     if not names:
         return Finding("gpu", "ok", "none that torch can use; none is needed")
     detail = f"{', '.join(names)}: --device cuda is meant to work, but was never tested by us"
@@ -198,7 +198,7 @@ def judge_gpu(names: Sequence[str]) -> Finding:
 
 
 def disk(scope: Scope) -> Iterator[Finding]:
-    """Where runs and victims' weights go."""
+    """Check the disks of the runs and the victims' weights."""
     from apil_core.policies.zoo_cache import cache_dir
     from apil_core.training.storage.run_dir import DEFAULT_ROOT
 
@@ -207,7 +207,7 @@ def disk(scope: Scope) -> Iterator[Finding]:
 
 
 def room(check: str, folder: Path, status: Status, remedy: str) -> Finding:
-    """How much room there is in ``folder``, which need not exist; ``status`` if it cannot be written."""
+    """Check the free space in ``folder``, which need not exist; ``status`` if it cannot be written."""
     place = next(above for above in (folder, *folder.parents) if above.exists())
     reason = why_unwritable(place) if place.is_dir() else f"{place} is a file"
     if reason is not None:

@@ -1,4 +1,4 @@
-"""What plugins offer: plugins themselves, presets, games, drawing and victims."""
+"""Checks of what plugins offer: plugins themselves, presets, games, drawing and victims."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _GET = "`apil victims import DIR` or `apil victims download`"
 
 
 def plugins(scope: Scope) -> Iterator[Finding]:
-    """One line for the working ones, one for each broken one."""
+    """Return one line for the working plugins, and one for each broken one."""
     records = scope.plugins.records
     working = [f"{r.name} {r.version}".strip() for r in records if r.error is None]
     detail = f"{len(working)} of {len(records)} work: {', '.join(working) or 'none'}"
@@ -42,7 +42,7 @@ def plugins(scope: Scope) -> Iterator[Finding]:
 
 
 def presets(scope: Scope) -> Iterator[Finding]:
-    """Whether every preset is valid with the plugins that work."""
+    """Check that every preset is valid with the working plugins."""
     valid = []
     for name in preset_names():
         try:
@@ -57,7 +57,7 @@ def presets(scope: Scope) -> Iterator[Finding]:
 
 
 def games(scope: Scope) -> Iterator[Finding]:
-    """The step rate of each game; with ``quick``, only whether the default one works at all."""
+    """Check the step rate of each game; with ``quick``, only that the default one works."""
     specs = scope.games()
     if not any(spec.name == scope.default_game for spec in specs):
         detail = f"{scope.default_game!r}, the game of a plain run, is not offered by any plugin"
@@ -124,7 +124,7 @@ def _why_no_picture(backend: str, scope: Scope) -> str:
 
 
 def victims(scope: Scope) -> Iterator[Finding]:
-    """Per game, how many policies of each kind are here; a line for each whose file is damaged."""
+    """Count the policies of each kind per game; a line for each with a damaged file."""
     try:
         facts = attempt("victims", plugin_files=scope.plugin_files)
     except TrialError as failure:
@@ -140,7 +140,7 @@ def victims(scope: Scope) -> Iterator[Finding]:
 
 
 def _victims_of(game: str, auto: dict[str, Any], listed: dict[str, str | None], scope: Scope) -> Finding:
-    """Whether the victim that ``auto`` means loads; e.g. ``here: zoo 4 of 5, embedded 2 of 2``."""
+    """Check that the victim that ``auto`` means loads; e.g. ``here: zoo 4 of 5, embedded 2 of 2``."""
     states: dict[str, list[str | None]] = {}
     for name, state in listed.items():
         scheme, _, rest = name.partition(":")

@@ -1,4 +1,4 @@
-"""Trying something in a process of its own: whatever breaks there, breaks only there.
+"""Probes that run in a process of their own, so that a crash cannot affect the others.
 
 python -m apil_core.cli.doctor_checks.probes '["play", [], ["sumo-ants", "1.5"]]' prints a JSON object.
 """
@@ -33,7 +33,7 @@ Answer = dict[str, Any]
 
 
 class TrialError(Exception):
-    """A trial failed; the message says how, in one line."""
+    """A probe failed; the message is one line."""
 
 
 def attempt(
@@ -43,7 +43,7 @@ def attempt(
     environment: Mapping[str, str] | None = None,
     patience: float = PATIENCE,
 ) -> Answer:
-    """What the probe of that name gives.
+    """Run the probe of that name in a subprocess and return its result.
 
     Args:
         probe: one of :data:`PROBES`.
@@ -94,7 +94,7 @@ def _end(code: int, stderr: str) -> str:
 
 
 def libraries(plugins: PluginRegistry) -> Answer:
-    """Import what training needs; what torch says of threads and GPUs."""
+    """Import training's dependencies; return what torch reports about threads and GPUs."""
     begin = time.perf_counter()
     import apil_core.training.trainer  # noqa: F401  (the whole learner with it)
 
@@ -120,7 +120,7 @@ def play(plugins: PluginRegistry, name: str, seconds: str) -> Answer:
     rng, limit = np.random.default_rng(0), float(seconds)
 
     def rate(steps: float) -> float:
-        """Over that many steps, or as many as fit into the time."""
+        """Measure steps/s over that many steps, or as many as fit into the time."""
         begin, done = time.perf_counter(), 0
         while done == 0 or (done < steps and time.perf_counter() - begin < limit):
             first, second = (
@@ -144,7 +144,7 @@ def play(plugins: PluginRegistry, name: str, seconds: str) -> Answer:
 
 
 def picture(plugins: PluginRegistry, name: str) -> Answer:
-    """Draw the beginning of a game; ``shades`` counts different values in the picture."""
+    """Draw the first frames of a game; ``shades`` counts different values in the picture."""
     import numpy as np
 
     from apil_core.plugins.registry import make_game
@@ -159,7 +159,7 @@ def picture(plugins: PluginRegistry, name: str) -> Answer:
 
 
 def victims(plugins: PluginRegistry) -> Answer:
-    """Load every policy that is listed as being here, and the one that ``auto`` means in each game.
+    """Load every policy listed as available, and the one that ``auto`` means in each game.
 
     Returns:
         ``listed``: by name, ``None`` where weights are not here, ``""`` where they load, else the reason;

@@ -1,4 +1,4 @@
-"""From settings to a game, a teacher, an opponent and the course between them."""
+"""Build a distillation's game, teacher, opponent and trainer from its settings."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Setting:
 
 
 def named(config: DistillConfig, plugins: PluginRegistry) -> DistillConfig:
-    """``config`` with the names of teacher and opponent spelt out.
+    """Return ``config`` with the full names of teacher and opponent.
 
     Raises:
         ConfigError: no such role, or no agent known for it.
@@ -76,7 +76,7 @@ def role_side(config: DistillConfig, spec: GameSpec) -> int:
 
 
 def agent(spec: GameSpec, side: int, plugins: PluginRegistry, flag: str) -> str:
-    """The game's agent for a side, or the one that stands in where that one's weights are missing."""
+    """Return the game's agent for a side, or its substitute where the weights are missing."""
     own = spec.default_victim if side == spec.victim_side else spec.baseline_adversary
     stand_ins = [match.adversary for match in spec.matchups if match.stands_in_for == own]
     here = [name for name in (own, *stand_ins) if name and is_here(name, plugins)]
@@ -89,7 +89,7 @@ def agent(spec: GameSpec, side: int, plugins: PluginRegistry, flag: str) -> str:
 
 @one_torch_thread()
 def prepare(config: DistillConfig, plugins: PluginRegistry) -> Setting:
-    """Build everything; ``config`` as :func:`named` gives it. Seeds torch's global generator.
+    """Build everything; ``config`` comes from :func:`named`. Seeds torch's global generator.
 
     Raises:
         ApilError: anything wrong with names, options, weights or sizes.
@@ -126,7 +126,7 @@ def _game(config: DistillConfig, plugins: PluginRegistry, changed: Mapping[str, 
 def spread_of(
     teacher: Policy, seat: SideLayout, other: SideLayout, device: torch.device
 ) -> tuple[Tensor, bool]:
-    """The teacher's log-std (a,), and whether it carries state from step to step.
+    """Return the teacher's log-std (a,), and whether it has a recurrent state.
 
     Raises:
         VictimError: no distribution, or one whose spread depends on what it sees.

@@ -1,4 +1,4 @@
-"""Playing the games a student learns from: it acts, its teacher says what it would have done."""
+"""Collect the games a student learns from: the student acts, the teacher labels (DAgger)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ OnStep = Callable[[int], None]
 
 @dataclass
 class Sample:
-    """One step of all games, as the student's side had it.
+    """One step of all games, from the student's side.
 
     Attributes:
         observation: as the game gave it, (n, o).
@@ -36,7 +36,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Roles:
-    """Who does what in which of the games, each (n,) bool, fixed over a block.
+    """Roles of the policies in each game, each (n,) bool, fixed over a block.
 
     Attributes:
         teacher_acts: the teacher plays, so that the data keep the states it reaches; else the student.
@@ -50,14 +50,14 @@ class Roles:
 
     @classmethod
     def of(cls, num_envs: int, device: torch.device, *, teacher_only: bool) -> Roles:
-        """Every fourth game the teacher's, every other four perturbed, every fourth sixteen by the mode."""
+        """Rows by index: teacher in every 4th, perturbed opponent in every other 4, mode in every 4th 16."""
         row = torch.arange(num_envs, device=device)
         teacher = torch.ones_like(row, dtype=torch.bool) if teacher_only else row % 4 == 3
         return cls(teacher, row // 16 % 4 != 3, row // 4 % 2 == 1)
 
 
 class Collector:
-    """The games, the teacher and the opponent.
+    """Plays blocks of games with the student, the teacher and the opponent.
 
     Args:
         game: stepped here; reseeded for every block.
@@ -88,7 +88,7 @@ class Collector:
         act: Callable[[Tensor, Tensor], Tensor] | None,
         take: Callable[[Sample], None],
     ) -> None:
-        """Begin new games and play ``steps`` steps of each; a function of ``name``, the seed and the student.
+        """Start new games and play ``steps`` steps of each; a function of ``name``, the seed and the student.
 
         Args:
             name: of this stretch of play; names its random streams.

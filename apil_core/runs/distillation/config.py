@@ -1,4 +1,4 @@
-"""What a distillation depends on: pure data, and how flags and ``--set`` make it."""
+"""The configuration of a distillation, and how flags and ``--set`` make it."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class DistillConfig(Section):
 def settings(
     flags: Mapping[str, Any], sets: Sequence[str] = (), plugins: PluginRegistry | None = None
 ) -> DistillConfig:
-    """Flags over defaults, ``KEY=VALUE`` texts over both.
+    """Merge defaults, flags and ``KEY=VALUE`` texts, later ones over earlier ones.
 
     Args:
         flags: values by setting; ``game.physics`` for the profile.

@@ -1,4 +1,4 @@
-"""Distilling a student, from the settings to the report; stopped at any moment, it goes on from there."""
+"""Distil a student, from the settings to the report; resumable from the last stage after any interruption."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def resume_distillation(
     on_stage: OnStage | None = None,
     plugins: PluginRegistry | None = None,
 ) -> Report:
-    """Go on with a distillation exactly where its last whole stage ended.
+    """Resume a distillation exactly after its last whole stage.
 
     Raises:
         RunDirError: no distillation there, or one that cannot be continued.
@@ -116,7 +116,7 @@ def _go(
 
 
 def _keep(setting: Setting, directory: DistillDir) -> None:
-    """Write what the stage added: a block if it played one, then the state that counts it."""
+    """Store a stage's result: a block if it played one, then the state that counts it."""
     course = setting.course
     if course.done == len(course.blocks):  # every stage so far played one
         directory.save_block(course.done - 1, course.blocks[-1].tensors())
@@ -135,7 +135,7 @@ def _keep(setting: Setting, directory: DistillDir) -> None:
 
 
 def _who(setting: Setting) -> dict[str, Policy]:
-    """Whose weights must not change on the way."""
+    """Policies that must not change between sessions, by part."""
     return {"teacher": setting.teacher, "opponent": setting.opponent}
 
 
@@ -162,7 +162,7 @@ def _restore(setting: Setting, directory: DistillDir) -> None:
 
 
 def _student(setting: Setting, directory: DistillDir, more: dict[str, Any]) -> FrozenPolicy:
-    """Write the student's file and read it back: what is scored is what is kept."""
+    """Write the student's file and read it back, so that the scored student is the stored one."""
     weights = setting.course.weights()
     made = environment(())
     config, teacher = setting.config, setting.teacher.info
@@ -188,7 +188,7 @@ def _student(setting: Setting, directory: DistillDir, more: dict[str, Any]) -> F
 def _scores(
     setting: Setting, student: FrozenPolicy, progress: Progress, plugins: PluginRegistry
 ) -> dict[str, EvaluationResult]:
-    """Both scored on the same games, with as many in parallel as ``apil eval`` has."""
+    """Score both on the same games, as many in parallel as in ``apil eval``."""
     config = setting.config
     if not config.episodes:
         return {}
@@ -209,7 +209,7 @@ def _scores(
 
 
 def _figures(report: Report) -> dict[str, str]:
-    """The report's figures as the file's provenance has them."""
+    """Format the report's figures for the file's provenance."""
     error = report.action_error
     found = {"action_error": f"rms {error.rms_sigma:.3f} sigma, {error.kl_nats:.3f} nats per step"}
     for who in ("student", "teacher"):

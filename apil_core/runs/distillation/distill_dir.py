@@ -1,4 +1,4 @@
-"""The directory of a distillation: a run's, with blocks of games, student and report."""
+"""The directory of a distillation: a run directory with blocks of games, student and report."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class DistillDir(RunDir):
 
     @classmethod
     def begin(cls, path: Path, config: DistillConfig, command: Sequence[str]) -> DistillDir:
-        """A fresh directory.
+        """Create the directory.
 
         Raises:
             RunDirError: it exists and is not empty, or cannot be written.
@@ -49,7 +49,7 @@ class DistillDir(RunDir):
         return made
 
     def settings(self) -> DistillConfig:
-        """What :meth:`begin` stored.
+        """Read the settings that :meth:`begin` stored.
 
         Raises:
             RunDirError: this is no distillation's directory, or one that an older version began.
@@ -68,7 +68,7 @@ class DistillDir(RunDir):
         return config
 
     def report(self) -> Report | None:
-        """The report, or ``None`` where there is none yet.
+        """Read the report; ``None`` where there is none yet.
 
         Raises:
             RunDirError: it is damaged.
@@ -76,16 +76,16 @@ class DistillDir(RunDir):
         return _read(self.report_path, Report) if self.report_path.is_file() else None
 
     def block_path(self, number: int) -> Path:
-        """Where what was played in that round goes."""
+        """Path of a round's block."""
         return self.path / f"block-{number:03d}.safetensors"
 
     def save_block(self, number: int, tensors: Mapping[str, Tensor]) -> None:
-        """Keep a block; blocks never change."""
+        """Store a block; blocks never change."""
         content = save({name: tensor.cpu().contiguous() for name, tensor in tensors.items()})
         write_atomically(self.block_path(number), lambda file: file.write(content))
 
     def load_block(self, number: int) -> dict[str, Tensor]:
-        """Read a block back.
+        """Read a block.
 
         Raises:
             RunDirError: missing or damaged.
@@ -99,7 +99,7 @@ class DistillDir(RunDir):
             ) from error
 
     def drop_blocks(self) -> None:
-        """Delete what was played: a finished student needs it no more."""
+        """Delete the blocks, which a finished student no longer needs."""
         for path in self.path.glob("block-*.safetensors"):
             path.unlink(missing_ok=True)
 

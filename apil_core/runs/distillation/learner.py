@@ -1,4 +1,4 @@
-"""The student's network in training, and its updates, all in standardised observations and units of σ.
+"""The student's network and its updates, in standardised observations and units of σ.
 
 This is what rsl_rl's ``Distillation`` does (mean squared error to the teacher's mean, truncated
 backpropagation through time), written anew because that one does not hold here: it passes over a rollout
@@ -23,7 +23,7 @@ from apil_core.policies.network import LstmState, NetworkShape, PolicyNetwork
 
 @dataclass
 class Block:
-    """What was played in one round, time first.
+    """The data of one round, time first.
 
     Attributes:
         observation: standardised, (T, n, o).
@@ -39,7 +39,7 @@ class Block:
 
     @classmethod
     def empty(cls, steps: int, games: int, shape: NetworkShape, device: torch.device) -> Block:
-        """Room for a block."""
+        """Allocate an empty block."""
         return cls(
             torch.zeros(steps, games, shape.observation_size, device=device),
             torch.zeros(steps, games, shape.action_size, device=device),
@@ -47,14 +47,14 @@ class Block:
         )
 
     def record(self, observation: Tensor, label: Tensor, done: Tensor) -> None:
-        """The next step of all games."""
+        """Record the next step of all games."""
         self.observation[self.filled] = observation
         self.label[self.filled] = label
         self.done[self.filled] = done
         self.filled += 1
 
     def tensors(self) -> dict[str, Tensor]:
-        """By name, for keeping."""
+        """The block's tensors by name."""
         return {"observation": self.observation, "label": self.label, "done": self.done}
 
 
@@ -86,7 +86,7 @@ class StudentLearner:
         self._memory: LstmState | None = None
 
     def begin(self, games: int) -> None:
-        """New games begin in all rows."""
+        """Start new games in all rows."""
         self._memory = self.network.zero_state(games)
 
     @torch.no_grad()
@@ -98,13 +98,13 @@ class StudentLearner:
         return mean[0]
 
     def ended(self, done: Tensor) -> None:
-        """Forget the games that ended, (n,) bool."""
+        """Reset the recurrent state of the games that ended, (n,) bool."""
         if self._memory is not None and done.any():
             h, c = (rows.masked_fill(done.unsqueeze(1), 0) for rows in self._memory)
             self._memory = h, c
 
     def train(self, block: Block, generator: torch.Generator) -> float:
-        """One pass over a block; gives the mean squared error before each gradient, in units of σ².
+        """Train one pass over a block; return the mean squared error before each gradient, in units of σ².
 
         Args:
             block: whole.
@@ -115,7 +115,7 @@ class StudentLearner:
         return float(torch.stack(errors).mean())
 
     def _rows(self, block: Block, generator: torch.Generator) -> Iterator[Tensor]:
-        """Errors of minibatches of steps in any order."""
+        """Errors of minibatches of steps in random order."""
         z, label = block.observation.flatten(0, 1), block.label.flatten(0, 1)
         nobody = torch.zeros(1, 1, dtype=torch.bool, device=z.device)
         nothing = self.network.zero_state(1)
@@ -124,7 +124,7 @@ class StudentLearner:
             yield (mean[0] - label[rows]).square().mean()
 
     def _games(self, block: Block, generator: torch.Generator) -> Iterator[Tensor]:
-        """Errors of stretches of ``gradient_length`` steps, in order of time, of some games at once."""
+        """Errors of stretches of ``gradient_length`` steps, in order of time, for several games at once."""
         games = max(self._minibatch // self._length, 1)
         for chosen in torch.randperm(block.done.shape[1], generator=generator).split(games):
             z, label, done = (part[:, chosen] for part in (block.observation, block.label, block.done))
@@ -143,12 +143,12 @@ class StudentLearner:
         return error.detach()
 
     def set_learning_rate(self, rate: float) -> None:
-        """For the passes that follow."""
+        """Set the learning rate of the following passes."""
         for group in self._optimizer.param_groups:
             group["lr"] = rate
 
     def weights(self, mean: Tensor, std: Tensor, log_std: Tensor) -> dict[str, Tensor]:
-        """The student's tensors as its file has them, on the CPU.
+        """The student's tensors as stored in its file, on the CPU.
 
         Args:
             mean, std: of the observations, (o,).
@@ -162,15 +162,15 @@ class StudentLearner:
         return {name: tensor.cpu().float().clone() for name, tensor in found.items()}
 
     def state_dict(self) -> dict[str, Any]:
-        """Network and optimiser."""
+        """Return network and optimiser."""
         return {"network": self.network.state_dict(), "optimizer": self._optimizer.state_dict()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`state_dict` gave."""
+        """Restore what :meth:`state_dict` returned."""
         self.network.load_state_dict(state["network"])
         self._optimizer.load_state_dict(state["optimizer"])
 
 
 def kl_nats(squared_error: float, action_size: int) -> float:
-    """KL(teacher ‖ student) of a mean squared error in units of σ², in nats per step."""
+    """KL(teacher ‖ student), in nats per step, from a mean squared error in units of σ²."""
     return 0.5 * squared_error * action_size

@@ -1,4 +1,4 @@
-"""An opponent knocked off its course, so that a student also meets what an attack would show it."""
+"""A perturbed opponent, so that a student also learns on states that an attack would reach."""
 
 from __future__ import annotations
 

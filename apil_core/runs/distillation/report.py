@@ -1,4 +1,4 @@
-"""How well a student stands in for its teacher: action error on its own states, and scores side by side."""
+"""How a student compares with its teacher: action error on the student's own states, and scores."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from apil_core.runs.distillation.learner import kl_nats
 
 
 class ActionError(BaseModel):
-    """Distance of the student's mean action from its teacher's, in games not learnt from.
+    """Distance of the student's mean action from its teacher's, in games not used for training.
 
     Attributes:
         steps: labelled steps it was measured on.
@@ -39,7 +39,7 @@ class ActionError(BaseModel):
 
 
 class Report(BaseModel):
-    """What a distillation reached. Scores are from the student's seat, with a run's default action modes."""
+    """The result of a distillation. Scores are from the student's seat, with a run's default action modes."""
 
     student: str
     teacher: str
@@ -56,7 +56,7 @@ class Report(BaseModel):
 
 
 def action_error(setting: Setting, student: Policy, *, perturbed: bool) -> ActionError:
-    """Play games of their own, the student acting (sampled), against the opponent as it is or perturbed."""
+    """Play separate games, the student acting (sampled), against the plain or the perturbed opponent."""
     course, sigma = setting.course, setting.course.log_std.exp()
     n, device = setting.game.num_envs, sigma.device
     everywhere = torch.ones(n, dtype=torch.bool, device=device)
@@ -108,7 +108,7 @@ def score_of(policy: Policy, setting: Setting, game: Game, progress: Progress) -
 
 
 def make_report(setting: Setting, student: Policy, scores: dict[str, Any]) -> Report:
-    """Measure the action errors and put all together.
+    """Measure the action errors and combine them with the scores.
 
     Args:
         setting: its game is played on.

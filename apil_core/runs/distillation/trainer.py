@@ -1,4 +1,4 @@
-"""The course of a distillation: play a block, train on it and on earlier ones, and refine at the end."""
+"""The stages of a distillation: play a block, train on it and on earlier ones; final passes at the end."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LEAST_STD = 0.1
 
 @dataclass
 class Entry:
-    """One line of the log: what a stage gave.
+    """One line of the log: the result of a stage.
 
     Attributes:
         stage: number of stages done.
@@ -80,7 +80,7 @@ class Course:
         return len(self.blocks) * self.block_steps * self.config.num_envs
 
     def advance(self) -> Entry:
-        """Do the next stage."""
+        """Run the next stage."""
         if self.done < self.rounds:
             error, fresh = self._round()
             entry = Entry(self.done + 1, self.steps, error, fresh)
@@ -90,7 +90,7 @@ class Course:
         return entry
 
     def _round(self) -> tuple[float, float | None]:
-        """Play a block and train on it, and on others."""
+        """Play a block and train on it and on other blocks."""
         number = len(self.blocks)
         block = Block.empty(self.block_steps, self.config.num_envs, self.shape, self.log_std.device)
         self.learner.begin(self.config.num_envs)
@@ -110,7 +110,7 @@ class Course:
         return error, fresh
 
     def _first_block(self, block: Block) -> None:
-        """The teacher alone; its observations standardise all that follow, these included."""
+        """Play the teacher's block; its observations standardise all that follow, these included."""
         moments = RunningMoments(self.shape.observation_size).to(self.log_std.device)
         sigma = self.log_std.exp()
 
@@ -125,7 +125,7 @@ class Course:
             block.observation[t] = self.standardize(block.observation[t])
 
     def _play(self, block: Block, number: int) -> float:
-        """A block in which the student acts; gives its error there."""
+        """Play a block in which the student acts; return its error there."""
         learner, sigma, standardize = self.learner, self.log_std.exp(), self.standardize
         assert standardize is not None, "the first block sets it"
         roles = self._roles(False)
@@ -153,7 +153,7 @@ class Course:
         return Roles.of(self.config.num_envs, self.log_std.device, teacher_only=teacher_only)
 
     def _final_pass(self) -> float:
-        """Over all blocks, at a rate that falls linearly to zero over all final passes."""
+        """Train over all blocks, at a rate that falls linearly to zero over all final passes."""
         number, rate = self.done - self.rounds, self.config.learning_rate
         assert rate is not None, "the settings are complete"
         generator = self._generator(f"final {number}")
@@ -169,6 +169,6 @@ class Course:
         return stream_generator(self.config.seed, f"distillation {stream}", torch.device("cpu"))
 
     def weights(self) -> dict[str, Tensor]:
-        """The student as it stands, as its file has it."""
+        """The student's present weights, as stored in its file."""
         assert self.standardize is not None, "there is a student after the first stage"
         return self.learner.weights(self.standardize.mean, self.standardize.std, self.log_std)

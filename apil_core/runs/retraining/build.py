@@ -1,4 +1,4 @@
-"""From settings to a game, a trainable victim, its opponents and the trainer between them."""
+"""Build a retraining's game, trainable victim, opponents and trainer from its settings."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def _check_numbers(config: RetrainConfig) -> None:
 
 
 def _with_baseline(config: RetrainConfig, plugins: PluginRegistry) -> RetrainConfig:
-    """The baseline's name spelt out; none at all where every game is the adversaries'."""
+    """Return ``config`` with the baseline's full name, or without one where the game has none."""
     if config.baseline != "auto":
         return config
     spec = plugins.game(config.env)
@@ -117,7 +117,7 @@ def _opponents(config: RetrainConfig, game: Game, plugins: PluginRegistry) -> di
 
 
 def _pinned(config: RetrainConfig, victim: Policy, opponents: dict[str, Policy]) -> RetrainConfig:
-    """``config`` with everybody's full name and hash; on a resume these must be the old ones.
+    """Return ``config`` with every policy's full name and hash; on a resume these must equal the stored ones.
 
     Raises:
         VictimError: somebody's weights have changed.
@@ -146,7 +146,7 @@ def _pinned(config: RetrainConfig, victim: Policy, opponents: dict[str, Policy])
 
 
 def shares(config: RetrainConfig) -> dict[str, float]:
-    """Share of play of each opponent by label; the adversaries have equal parts of theirs."""
+    """Share of play of each opponent by label; the adversaries split theirs equally."""
     many = len(config.adversaries)
     parts = [config.adversary_share / many] * many + [1 - config.adversary_share]
     return dict(zip(config.labels, parts, strict=False))
@@ -160,7 +160,7 @@ def _attack(
     plugins: PluginRegistry,
     device: torch.device,
 ) -> tuple[RunParts, StoredCritic | None]:
-    """The parts of a run whose adversary is the victim and whose victim are the opponents."""
+    """Build the parts of a run with the seats swapped: the victim learns, the opponents are frozen."""
     mixture = _mixture(config, opponents).to(device)
     hooks = RunHookManager((), {})
     hooks.device = device
@@ -215,7 +215,7 @@ def _copy(shape: NetworkShape, weights: Weights) -> PolicyNetwork:
 
 
 def _new_critic(shape: NetworkShape, hidden: Sequence[int]) -> PolicyNetwork:
-    """A feed-forward critic that reads what the victim reads; torch's global generator draws its weights.
+    """Make a feed-forward critic of the victim's observation; torch's global generator draws its weights.
 
     It has no memory: what it must know of the opponent is in the observation, and a pass through time less
     is a third of an update less.

@@ -1,4 +1,4 @@
-"""What a retraining depends on: a run's settings, and its own."""
+"""The configuration of a retraining: a run's settings, and its own."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class RetrainConfig(RunConfig):
     @model_validator(mode="before")
     @classmethod
     def _as_version_2_has_it(cls, data: Any) -> Any:
-        """Version 1 kept the two settings of the reward at the top."""
+        """Convert version 1, which kept the two settings of the reward at the top level."""
         old = {"sparse_weight": "sparse_weight", "normalize_reward": "normalize"}
         if not isinstance(data, dict) or not old.keys() & data.keys():
             return data

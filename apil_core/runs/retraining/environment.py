@@ -1,4 +1,4 @@
-"""The run's environment with the seats swapped: the victim learns, its opponents are the frozen player."""
+"""The run's environment with the seats swapped: the victim learns, its opponents are frozen."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SWAPPED = {"adversary": "victim", "victim": "adversary"}
 
 
 class FixedObservations(ObservationBuilder):
-    """The victim's observation, standardised by the statistics of its own training, which stay as they are.
+    """The victim's observation, standardised by the fixed statistics of its own training.
 
     Moving them would change what the victim does without any gradient asking for it.
     """
@@ -45,7 +45,7 @@ class FixedObservations(ObservationBuilder):
 
 
 class OpponentStats(EpisodeStats):
-    """How the victim's games end, and by opponent; all from the victim's point of view.
+    """Results of the games, in total and by opponent, all from the victim's point of view.
 
     Args:
         opponents: tell who played which game.
@@ -74,7 +74,7 @@ class OpponentStats(EpisodeStats):
         super()._end(step)
 
     def metrics(self) -> dict[str, float]:
-        """Those of :class:`EpisodeStats`, the learner being the victim, and windows by opponent."""
+        """Metrics of :class:`EpisodeStats`, the victim being the learner, and windows by opponent."""
         found: dict[str, float] = {}
         for name, value in super().metrics().items():
             group, _, last = name.rpartition("/")
@@ -90,13 +90,13 @@ class OpponentStats(EpisodeStats):
         return found
 
     def state_dict(self) -> dict[str, Any]:
-        """State at an iteration boundary."""
+        """Return the state at an iteration boundary."""
         windows = {
             label: torch.tensor(window, dtype=torch.int8) for label, window in self._by_opponent.items()
         }
         return {**super().state_dict(), "by_opponent": windows}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`state_dict` gave."""
+        """Restore what :meth:`state_dict` returned."""
         super().load_state_dict(state)
         self._by_opponent = {label: window.tolist() for label, window in state["by_opponent"].items()}

@@ -1,4 +1,4 @@
-"""The directory of a retraining: a run's, and the hardened victim."""
+"""The directory of a retraining: a run directory with the hardened victim."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class RetrainDir(RunDir):
 
     @classmethod
     def begin(cls, config: RetrainConfig, out: Path | None, command: Sequence[str]) -> RetrainDir:
-        """A fresh directory with the settings and a note of where it was made.
+        """Create the directory with the settings and a note of the machine and versions.
 
         Raises:
             RunDirError: it exists and is not empty, or cannot be written.
@@ -55,7 +55,7 @@ class RetrainDir(RunDir):
         write_atomically(self.config_path, lambda file: file.write(text))
 
     def config(self) -> RetrainConfig:
-        """What was stored.
+        """Read the stored settings.
 
         Raises:
             RunDirError: this is no retraining's directory.
@@ -77,7 +77,7 @@ def name_of(path: Path) -> str:
 
 
 def load(name: str) -> FrozenPolicy:
-    """A fresh policy on the CPU; its file is a student's (:mod:`apil_core.policies.student`).
+    """Load a new policy on the CPU; the file format is a student's (:mod:`apil_core.policies.student`).
 
     Args:
         name: directory of the retraining.

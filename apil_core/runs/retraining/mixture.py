@@ -1,4 +1,4 @@
-"""Several policies in one seat: whose turn it is is drawn for every game, or for every step."""
+"""Several policies in one seat, drawn anew for every game or for every step."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Mix = Literal["per_episode", "per_step"]
 
 
 class MixturePolicy(Policy):
-    """Plays as one of its policies in each game, or changes between them from step to step.
+    """Plays as one of its policies in each game, or draws one for each step.
 
     All of them follow all games, so that each one's recurrent state is that of a policy which watched the
     game from its start.
@@ -54,7 +54,7 @@ class MixturePolicy(Policy):
         generator: torch.Generator | None = None,
         activations: bool = False,
     ) -> Decision:
-        """See :meth:`apil_core.Policy.act`; it has no activations of its own."""
+        """See :meth:`apil_core.Policy.act`; returns no activations."""
         self._take_turns(view.first)
         decisions = {k: self.policies[k].act(view, sample=sample, generator=generator) for k in self._asked}
         action = self._chosen({k: decision.action for k, decision in decisions.items()})
@@ -69,7 +69,7 @@ class MixturePolicy(Policy):
             self.turn = turn if self.mix == "per_step" else torch.where(first, turn, self.turn)
 
     def _chosen(self, values: Mapping[int, Tensor]) -> Tensor:
-        """Row i of the policy whose turn it is there."""
+        """Row i of the output of the policy that acts in game i."""
         (_, chosen), *others = values.items()
         for k, value in others:
             chosen = torch.where((self.turn == k).unsqueeze(1), value, chosen)
@@ -89,18 +89,18 @@ class MixturePolicy(Policy):
         return self
 
     def seed(self, seed: int) -> None:
-        """Restart the draws of turns, and the policies' own generators."""
+        """Seed the draws and the policies' own generators."""
         self._draws.manual_seed(seed)
         for i, policy in enumerate(self.policies, 1):
             policy.seed(seed + i)
 
     def recurrent_state(self) -> dict[str, Any]:
-        """Whose turn it is, the generator of turns, and every policy's own state."""
+        """Return the present policy of each game, the generator, and every policy's own state."""
         states = {str(i): policy.recurrent_state() for i, policy in enumerate(self.policies)}
         return {"turn": self.turn.clone(), "draws": self._draws.get_state(), "policies": states}
 
     def load_recurrent_state(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`recurrent_state` gave; an empty one forgets all games."""
+        """Restore what :meth:`recurrent_state` returned; an empty one resets all games."""
         own = state or {"turn": self.turn[:0], "policies": {}}
         self.turn = own["turn"].to(self.turn.device, copy=True)
         if state:

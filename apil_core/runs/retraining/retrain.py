@@ -1,4 +1,4 @@
-"""Retraining a victim, from the settings to the scores; stopped at any moment, it goes on from there."""
+"""Retrain a victim, from the settings to the scores; resumable from the last checkpoint."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def retrain(
     command: Sequence[str] = (),
     plugins: PluginRegistry | None = None,
 ) -> RetrainResult:
-    """Harden a victim as ``config`` says, checkpointing on the way, and score it at the end.
+    """Harden a victim with ``config``, checkpointing on the way, and score it at the end.
 
     Args:
         config: as :func:`apil_core.runs.retraining.settings.settings` gives it.
@@ -64,7 +64,7 @@ def resume(
     command: Sequence[str] = (),
     plugins: PluginRegistry | None = None,
 ) -> RetrainResult:
-    """Go on with a retraining exactly where its newest checkpoint left it; or extend a finished one.
+    """Resume a retraining exactly from its newest checkpoint; or extend a finished one.
 
     Args:
         directory: of the retraining.

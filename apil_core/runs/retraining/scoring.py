@@ -1,4 +1,4 @@
-"""Scoring a victim against each of its opponents on its own."""
+"""Score a victim against each of its opponents separately."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from apil_core.runs.retraining.config import RetrainConfig
 def score_each(
     config: RetrainConfig, victim: str, episodes: int, progress: Progress, plugins: PluginRegistry
 ) -> dict[str, EvaluationResult]:
-    """By label, scores as ``apil eval OPPONENT --victim VICTIM`` gives them: wins are the opponent's.
+    """By label, scores as of ``apil eval OPPONENT --victim VICTIM``: wins are the opponent's.
 
     Touches nobody's randomness: the players are loaded anew.
 
@@ -54,7 +54,7 @@ def score_each(
 
 
 class RetrainResult(BaseModel):
-    """How a retraining ended.
+    """The result of a retraining.
 
     Attributes:
         directory: where everything is.

@@ -1,4 +1,4 @@
-"""One stretch of a retraining: a run's session that keeps the victim and scores each opponent."""
+"""One session of a retraining: a run's session that stores the victim and scores each opponent."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class RetrainSession(Session):
         self._after: Scores = {}
 
     def retrain(self) -> RetrainResult:
-        """Train until the budget is used up or somebody stops it; always leaves a checkpoint and a victim."""
+        """Train until the budget is used up or a stop is requested; always save a checkpoint and a victim."""
         status, _ = self.train()
         hardened = load_file(self.directory.victim_path, name_of(self.directory.path)).info
         result = RetrainResult(
@@ -83,7 +83,7 @@ class RetrainSession(Session):
         super()._iteration()
 
     def _evaluate_on_the_way(self) -> dict[str, float]:
-        """Scores of the present victim, as counts."""
+        """Score the present victim, as counts."""
         self._write_victim()
         name, games = name_of(self.directory.path), self.config.evaluation.periodic_episodes
         return _counts(self._scores(name, games, self.progress), "evaluation")

@@ -1,4 +1,4 @@
-"""Settings of a retraining: what the runs say, flags over it, ``--set`` texts over both."""
+"""Settings of a retraining: those of the runs, overridden by flags, then by ``--set`` texts."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def settings(
     plugins: PluginRegistry | None = None,
     plugin_files: Sequence[Path | str] = (),
 ) -> RetrainConfig:
-    """The complete settings of a retraining.
+    """Return the complete settings of a retraining.
 
     Game, its physics, victim, PPO and number of games are the first run's unless given.
 
@@ -79,7 +79,7 @@ def _source(name: Path | str) -> RunCheckpoint | None:
 def _from_runs(
     runs: Mapping[str, RunConfig], plugins: PluginRegistry, *, victim_given: bool
 ) -> dict[str, Any]:
-    """What the first run has settled.
+    """Settings fixed by the first run.
 
     Raises:
         ConfigError: the runs are of different games, or attacked different victims.
@@ -116,7 +116,7 @@ def _from_runs(
 
 
 def _labels(sources: Mapping[str, RunCheckpoint | None], runs: Mapping[str, RunConfig]) -> list[str]:
-    """A run's method, another policy's name or its file's; numbered where they repeat."""
+    """A run's method, another policy's name or its file's stem; numbered where they repeat."""
     plain = [runs[name].method if name in runs else _short(name) for name in sources]
     counts = Counter((BASELINE, MIXED))
     labels = []
@@ -127,7 +127,7 @@ def _labels(sources: Mapping[str, RunCheckpoint | None], runs: Mapping[str, RunC
 
 
 def _short(policy: str) -> str:
-    """Names of metrics are made of it, so it has no slash."""
+    """A policy's short name without slashes, as it becomes part of metric names."""
     rest = Path(policy.partition(":")[2])
     return rest.stem if rest.suffix else policy.replace("/", "-")
 

@@ -1,4 +1,4 @@
-"""Which policies can be trained on, and how: their weights in the one form that training and files share.
+"""Policies that can be retrained: their weights in the one form that training and files share.
 
 Zoo agents, students and plain adversaries are all the same body: standardised observation, at most a ReLU
 layer and an LSTM, tanh layers, a linear one (:class:`NetworkShape`). So a hardened victim's file is a
@@ -29,7 +29,7 @@ TRAINABLE = (
 
 @dataclass(frozen=True)
 class Trainable:
-    """A policy in parts.
+    """The parts of a trainable policy.
 
     Attributes:
         shape, weights: of the policy, named as in a student's file, float32, on the CPU.
@@ -42,7 +42,7 @@ class Trainable:
 
 
 def trainable(policy: Policy) -> Trainable:
-    """The parts of a policy.
+    """Return the parts of a policy.
 
     Raises:
         VictimError: it is none that can be trained.

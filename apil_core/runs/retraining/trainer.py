@@ -1,4 +1,4 @@
-"""The run's trainer, with what a given value network needs: its units found, and some iterations alone."""
+"""The run's trainer, for a stored critic: finds its units, and trains it alone for some iterations."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class RetrainTrainer(Trainer):
         return super()._learn(rollout, actor_fixed or self.iteration < self.warmup)
 
     def _denormalise(self, largest: float) -> None:
-        """Put a stored critic into the learner's units, the largest reward so far being given.
+        """Rescale a stored critic to the learner's units, given the largest reward so far.
 
         It gives returns in the victim's own training, normalised by that one's mean and deviation. Their
         unit is the game's sparse reward; ours is ``w_sparse`` of it, normalised and clipped.
@@ -67,7 +67,7 @@ class RetrainTrainer(Trainer):
         self.learner.critic.rescale(self.stored.deviation * unit, self.stored.mean * unit)
 
     def hardened(self) -> tuple[NetworkShape, dict[str, Tensor]]:
-        """The victim as it is now: shape and weights as a student's file has them, on the CPU."""
+        """The present victim: shape and weights as in a student's file, on the CPU."""
         assert isinstance(self.attack.builder, FixedObservations)
         statistics, policy = self.attack.builder.standardize, self.learner.policy
         found = {
@@ -82,10 +82,10 @@ class RetrainTrainer(Trainer):
         return policy.network.shape, weights
 
     def state_dict(self) -> dict[str, Any]:
-        """The whole retraining at an iteration boundary."""
+        """Return the whole retraining at an iteration boundary."""
         return {**super().state_dict(), "in_units": self._in_units}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on exactly where :meth:`state_dict` was taken."""
+        """Continue exactly where :meth:`state_dict` was taken."""
         super().load_state_dict(state)
         self._in_units = state["in_units"]

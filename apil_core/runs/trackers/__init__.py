@@ -1,1 +1,1 @@
-"""Recorders that hand a run's metrics to experiment trackers: Weights & Biases and Trackio."""
+"""Recorders that send a run's metrics to experiment trackers: Weights & Biases and Trackio."""

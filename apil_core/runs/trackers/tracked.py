@@ -1,4 +1,4 @@
-"""What every experiment tracker is told of a run, and the file that says where it is tracked."""
+"""A run's data for experiment trackers, and the file that stores its identity there."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PROJECT = "apil"
 
 @dataclass(frozen=True)
 class TrackedRun:
-    """A run as trackers see it.
+    """A run's data for trackers.
 
     Attributes:
         run_dir: its directory.
@@ -54,7 +54,7 @@ class TrackedRun:
         )
 
     def where(self, tracker: str) -> dict[str, str]:
-        """What :meth:`note_where` stored; empty before that, or if the file is damaged."""
+        """Read what :meth:`note_where` stored; empty before that, or if the file is damaged."""
         try:
             value = json.loads(self._path(tracker).read_text("utf-8"))
         except (OSError, ValueError):
@@ -62,7 +62,7 @@ class TrackedRun:
         return value if isinstance(value, dict) else {}
 
     def note_where(self, tracker: str, where: dict[str, str]) -> None:
-        """Store by what identity the tracker knows the run, so that a resumed one goes on there."""
+        """Store the run's identity at the tracker, so that a resumed run continues it."""
         self.run_dir.write_json(self._path(tracker), where)
 
     def _path(self, tracker: str) -> Path:
@@ -81,7 +81,7 @@ def _read(path: Path) -> tuple[RunDir, RunConfig | RetrainConfig, str]:
 
 @contextmanager
 def one_line(tracker: str, hint: str) -> Iterator[None]:
-    """Turn whatever a tracker raises into one line with a way out.
+    """Turn any exception of a tracker into one line with a remedy.
 
     Raises:
         ApilError: something was raised.

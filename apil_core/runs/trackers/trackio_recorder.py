@@ -1,4 +1,4 @@
-"""Metrics for Trackio, which keeps them in an SQLite file beside the run."""
+"""Metrics for Trackio, stored in an SQLite file in the run directory."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _HINT = "without TRACKIO_SPACE_ID and TRACKIO_SERVER_URL it records locally"
 
 
 class TrackioRecorder:
-    """A tracked run in ``<run_dir>/trackio``, or where ``TRACKIO_DIR`` says; its name in ``trackio.json``.
+    """A tracked run in ``<run_dir>/trackio``, or in ``TRACKIO_DIR``; its name in ``trackio.json``.
 
     The library fixes its directory when it is imported, and a process may train several runs, so it works
     in a process of its own (:mod:`.trackio_writer`). That one outlives a killed run just
@@ -69,7 +69,7 @@ class TrackioRecorder:
         self._tell(dict(scores))
 
     def close(self) -> None:
-        """Wait until all is stored; closing twice is fine.
+        """Wait until all is stored; may be called twice.
 
         Raises:
             ApilError: it takes too long, or not all could be stored.
@@ -91,7 +91,7 @@ class TrackioRecorder:
         self._writer.stdin.flush()
 
     def _hear(self) -> None:
-        """Wait for the writer to be ready."""
+        """Wait until the writer is ready."""
         assert self._writer.stdout is not None
         answer = json.loads(self._writer.stdout.readline() or '{"error": "its process ended"}')
         if "error" in answer:
@@ -100,7 +100,7 @@ class TrackioRecorder:
 
 
 def check() -> None:
-    """Say what is missing before anything is built.
+    """Check that Trackio is usable, before anything is built.
 
     Raises:
         ApilError: trackio is not installed.

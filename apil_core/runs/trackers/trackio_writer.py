@@ -1,4 +1,4 @@
-"""The process in which Trackio works: JSON lines come in, rows go to its store.
+"""The process that runs Trackio: reads JSON lines, writes rows to its store.
 
 The first line names project, run, group and config; it is answered by ``{}`` or ``{"error": …}``. Each
 further line is a row of metrics, or of final scores. The end of the input is the end of the run.
@@ -18,7 +18,7 @@ from typing import Any
 
 
 class Writer:
-    """Rows of one run.
+    """Writes the rows of one run.
 
     Args:
         start: ``project``, ``name``, ``group`` and ``config``.
@@ -42,7 +42,7 @@ class Writer:
         self._finish = trackio.finish
 
     def record(self, row: Mapping[str, Any]) -> None:
-        """Log a row; the first one takes the place of all from its first step on."""
+        """Log a row; the first one replaces all from its first step on."""
         if "final/steps" in row:
             self._run.log(dict(row), step=int(row["final/steps"]))
             return
@@ -57,7 +57,7 @@ class Writer:
         self._finish()
 
     def _go_back_to(self, first: int) -> None:
-        """Delete what a run that goes on from an older checkpoint had stored beyond it."""
+        """Delete stored rows beyond the checkpoint that the run resumes from."""
         from trackio.sqlite_storage import SQLiteStorage
 
         path = SQLiteStorage.get_project_db_path(self._run.project)
@@ -68,7 +68,7 @@ class Writer:
 
 
 def main() -> None:
-    """Serve one run."""
+    """Write the rows of one run from stdin."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with os.fdopen(os.dup(1), "w") as answers:
         os.dup2(2, 1)  # trackio prints

@@ -72,12 +72,12 @@ class WandbRecorder:
         self._run.summary.update(dict(scores))
 
     def close(self) -> None:
-        """Wait for uploads, not for ever; a run that an error ends is shown as failed."""
+        """Wait for uploads, within a limit; after an error the run is shown as failed."""
         self._run.finish(exit_code=int(sys.exc_info()[0] is not None))
 
 
 def check() -> None:
-    """Say what is missing before anything is built.
+    """Check that wandb is usable, before anything is built.
 
     Raises:
         ApilError: wandb is not installed, not logged in, or does not reach its server.
@@ -95,7 +95,7 @@ def _wandb() -> Any:
 
 
 def _ours(tracked: TrackedRun, settings: Any) -> dict[str, Any]:
-    """Settings where wandb's own say nothing, and by which run a resumed one goes on."""
+    """Return the settings that the user left unset, and the id of a resumed run."""
     where = tracked.where("wandb")
     defaults = {
         "project": PROJECT,

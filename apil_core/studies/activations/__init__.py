@@ -1,1 +1,1 @@
-"""A victim's activations against its opponents: a map, and how usual they are; docs/activations.md."""
+"""A victim's activations against its opponents: a t-SNE map and their likelihood; docs/activations.md."""

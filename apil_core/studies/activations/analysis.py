@@ -1,4 +1,4 @@
-"""From runs and policy names to an :class:`ActivationMap`."""
+"""Make an :class:`ActivationMap` from runs and policy names."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def analyze(
     progress: Progress | None = None,
     **changes: Any,
 ) -> ActivationMap:
-    """Look at what a victim's units do against each opponent, and how usual that is.
+    """Map a victim's activations against each opponent, and score them under normal play's density.
 
     Everything that can be wrong with the players is found before the first game. Games against each
     opponent are those of an evaluation with that seed. The result is the same at any number of threads.
@@ -119,7 +119,7 @@ def _map(
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Sums, and what follows from them, must not depend on the number of CPUs."""
+    """Run on one thread: floating-point sums must not depend on the number of CPUs."""
     from threadpoolctl import threadpool_limits
 
     with one_torch_thread(), threadpool_limits(1):
@@ -129,7 +129,7 @@ def _one_thread() -> Iterator[None]:
 def _likelihoods(
     density: Density, clouds: Mapping[str, Recorded], steps: int, seed: int
 ) -> list[LogLikelihood]:
-    """For each opponent; the first one is what the others are compared with."""
+    """Likelihoods for each opponent, compared with those of the first one."""
     found: list[LogLikelihood] = []
     base = None
     for cloud in clouds.values():

@@ -55,7 +55,7 @@ class Density:
 
 
 def check_density(components: int | None, variance: float, samples: int) -> None:
-    """Whether that many components and that variance can be asked for, before anything is played.
+    """Check that the number of components and the variance are possible, before anything is played.
 
     Raises:
         ConfigError: they cannot.
@@ -76,7 +76,7 @@ def fit_density(
     variance: float = VARIANCE,
     seed: int = 0,
 ) -> Density:
-    """Fit a mixture of full covariances to activations of normal play.
+    """Fit a mixture of full-covariance Gaussians to activations of normal play.
 
     Args:
         hidden: (rows, k), as many rows of every game.

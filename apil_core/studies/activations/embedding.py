@@ -33,5 +33,5 @@ def embed(clouds: Sequence[NDArray[np.float32]], perplexity: float, seed: int) -
 
 
 def _start(pooled: NDArray[np.float64]) -> str:
-    """From the two largest principal components, where there are two."""
+    """Initial coordinates from the two largest principal components, where there are two."""
     return "pca" if min(pooled.shape) >= 2 and np.ptp(pooled, axis=0).any() else "random"

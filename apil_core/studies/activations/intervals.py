@@ -1,4 +1,4 @@
-"""Intervals over games: steps of one game are no independent samples, so whole games are drawn again."""
+"""Intervals over games: steps within a game are dependent, so whole games are resampled."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ RESAMPLES = 9999
 
 
 def mean_interval(games: Array, seed: int) -> tuple[float, float]:
-    """95 % interval of the mean of ``games`` (n,), a value for each game; BCa bootstrap."""
+    """95 % interval of the mean of ``games`` (n,), one value per game; BCa bootstrap."""
     if np.ptp(games) == 0:
         return float(games[0]), float(games[0])
     return _bootstrap((games,), np.mean, seed)
 
 
 def gap(games: Array, base: Array, seed: int) -> Gap:
-    """Mean of ``games`` minus mean of ``base``, both (n,), each resampled on its own."""
+    """Mean of ``games`` minus mean of ``base``, both (n,), each resampled independently."""
     value = float(games.mean() - base.mean())
     if np.ptp(games) == 0 and np.ptp(base) == 0:
         return Gap(value=value, low=value, high=value)

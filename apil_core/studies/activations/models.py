@@ -1,4 +1,4 @@
-"""What an analysis of activations found, as data."""
+"""Data models of an analysis of activations."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class Gap(BaseModel):
 
     @property
     def within_noise(self) -> bool:
-        """Whether 0 lies in the interval."""
+        """Return whether 0 lies in the interval."""
         return self.low <= 0 <= self.high
 
 
 class LogLikelihood(BaseModel):
-    """How usual activations are under the density of normal play, in nats per activation vector.
+    """Log-likelihood of activations under the density of normal play, in nats per activation vector.
 
     Attributes:
         mean: over games of the mean over a game's sampled steps.

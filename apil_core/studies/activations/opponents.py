@@ -30,7 +30,7 @@ BASELINE = "baseline"
 
 @dataclass(frozen=True)
 class Opponents:
-    """Everybody, loaded once and found to fit.
+    """The victim and its opponents, loaded once and checked.
 
     Attributes:
         names: runs or policy names by label, normal play first.
@@ -44,7 +44,7 @@ class Opponents:
 
 
 def gather(opponents: Names, victim: str | None, baseline: str | None, options: PairingOptions) -> Opponents:
-    """Find out who plays; see :func:`apil_core.studies.activations.analysis.analyze`.
+    """Resolve and load the players; see :func:`apil_core.studies.activations.analysis.analyze`.
 
     Raises:
         ApilError: somebody cannot play, the runs attack different victims, or the victim is a black box.
@@ -66,7 +66,7 @@ def gather(opponents: Names, victim: str | None, baseline: str | None, options: 
 
 
 def record_all(opponents: Opponents, games: int, progress: Progress) -> dict[str, Recorded]:
-    """The victim's activations in ``games`` games against each; normal play has twice as many.
+    """Record the victim's activations in ``games`` games against each; normal play has twice as many.
 
     Args:
         opponents: who plays.
@@ -103,7 +103,7 @@ def _baseline_of(env: str, options: PairingOptions) -> str:
 
 
 def _attacked(runs: Sequence[RunConfig]) -> str:
-    """The victim that all runs attack; the game's where there are none."""
+    """The victim that all runs attack; the game's default where there are none."""
     victims = sorted({config.victim for config in runs})
     if len(victims) > 1:
         raise ConfigError(f"runs attack different victims ({', '.join(victims)}): say whose with --victim")
@@ -111,7 +111,7 @@ def _attacked(runs: Sequence[RunConfig]) -> str:
 
 
 def _check_pinned(runs: Sequence[RunConfig], victim: Player) -> None:
-    """Weights may have changed since the runs attacked them."""
+    """Check that the weights are the ones the runs attacked."""
     for config in runs:
         if config.victim_sha256 not in ("", victim.sha256):
             raise VictimError(

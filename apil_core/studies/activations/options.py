@@ -1,4 +1,4 @@
-"""How much an analysis of activations plays and looks at."""
+"""Options of an analysis of activations: games to play and points to sample."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ def _figure(found: ActivationMap, drawn: Sequence[Pen]) -> Figure:
 
 
 def draw_map(axis: Axes, found: ActivationMap, drawn: Sequence[Pen]) -> None:
-    """The t-SNE, a colour for each opponent.
+    """Draw the t-SNE, one colour per opponent.
 
     All points of one are one path of short strokes with round ends: as marks they make an SVG far larger.
     """
@@ -77,7 +77,7 @@ def draw_map(axis: Axes, found: ActivationMap, drawn: Sequence[Pen]) -> None:
 
 
 def draw_likelihood(axis: Axes, found: ActivationMap, drawn: Sequence[Pen]) -> None:
-    """Mean log-likelihoods with their intervals, a row for each opponent."""
+    """Draw mean log-likelihoods with their intervals, one row per opponent."""
     for row, (each, pen) in enumerate(zip(found.log_likelihood, drawn, strict=True)):
         whisker(axis, row, (each.mean, each.low, each.high), pen, level=True, markersize=7, capsize=3)
         text = axis.annotate(f"{each.mean:.1f}", (each.mean, row), (0, 9), textcoords="offset points")

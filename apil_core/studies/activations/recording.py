@@ -1,4 +1,4 @@
-"""A victim's activations in whole games, all games at once."""
+"""Record a victim's activations in whole games, all games in parallel."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Recorded:
         return Recorded(self.hidden[rows], self.game[rows])
 
     def split(self, games: int) -> tuple[Recorded, Recorded]:
-        """The first ``games`` games, and the others."""
+        """Split into the first ``games`` games and the others."""
         early = self.game < games
         return Recorded(self.hidden[early], self.game[early]), Recorded(
             self.hidden[~early], self.game[~early]
@@ -49,7 +49,7 @@ class Recorded:
 
 
 class RecordingPolicy(Policy):
-    """Plays exactly as another policy does, and keeps that one's activations.
+    """Acts exactly like another policy, and records its activations.
 
     Args:
         policy: the other one; it must tell its activations.
@@ -89,7 +89,7 @@ class RecordingPolicy(Policy):
         return decision
 
     def recorded(self) -> Recorded:
-        """What was kept, in the order of steps."""
+        """The recorded activations, in the order of steps."""
         return Recorded(torch.cat(self._rows).float().numpy(), np.concatenate(self._game))
 
     def recurrent_state(self) -> dict[str, Any]:
@@ -102,7 +102,7 @@ class RecordingPolicy(Policy):
 
 
 def told_by(policy: Policy, decision: Decision) -> Tensor:
-    """The activations that came with a decision, (n, k).
+    """Return the activations that came with a decision, (n, k).
 
     Raises:
         VictimError: the policy does not tell them.
@@ -117,7 +117,7 @@ def told_by(policy: Policy, decision: Decision) -> Tensor:
 
 
 def check_told(pairing: Pairing) -> None:
-    """Whether the victim tells its activations, by one action that nobody plays.
+    """Check that the victim returns activations, with one action that is not played.
 
     Raises:
         VictimError: it does not.
@@ -131,7 +131,7 @@ def check_told(pairing: Pairing) -> None:
 
 
 def record(pairing: Pairing, games: int, seed: int, progress: Progress) -> Recorded:
-    """Play ``games`` games and keep what the victim's units did; the games are those of an evaluation.
+    """Play ``games`` games and record the victim's activations; the games are those of an evaluation.
 
     Args:
         pairing: who plays; the game's generator is reseeded.

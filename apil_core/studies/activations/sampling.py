@@ -1,4 +1,4 @@
-"""Steps of one game are alike, so games are what is sampled: the same number of steps of each."""
+"""Sample the same number of steps from each game, because steps of one game are correlated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a matrix to its cells: every combination resolved to the configuration of one run."""
+"""Expand a matrix into cells: every combination, resolved to the configuration of one run."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Benchmark:
-    """A matrix, resolved: everything in it exists and fits.
+    """A resolved matrix: every name in it exists and fits.
 
     Attributes:
         matrix: with the victims of every game named.
@@ -61,7 +61,7 @@ class Benchmark:
     plugins: PluginRegistry
 
     def cells_of(self, game: str) -> list[Cell]:
-        """The cells of one game."""
+        """Return the cells of one game."""
         return [cell for cell in self.cells if cell.game == game]
 
 
@@ -95,7 +95,7 @@ def resolve_matrix(matrix: Matrix, origin: str = "matrix") -> Benchmark:
 def _spelt_out(
     name: str, score: ScoreConfig, origin: str, cells: Sequence[Cell], plugins: PluginRegistry
 ) -> ScoreConfig:
-    """The score with all options of its observers, which every cell must be able to switch on."""
+    """Return the score with all observer options set; every cell must be able to switch the observers on."""
     played: dict[str, Any] = {}
     for cell in cells if score.observers else ():
         try:
@@ -136,7 +136,7 @@ def _check_names(matrix: Matrix, origin: str, plugins: PluginRegistry) -> None:
 
 
 def _check_used(matrix: Matrix, origin: str, plugins: PluginRegistry) -> None:
-    """Options of a method that no cell uses are a slip of the pen, not a wish."""
+    """Reject method options that no cell uses: they are probably a mistake."""
     named = [
         *texts_in(matrix.config.get("observers")),
         *(n for v in matrix.axes.get("observers", ()) for n in texts_in(v)),
@@ -157,7 +157,7 @@ def _section(value: Any) -> Mapping[str, Any]:
 
 
 def _owner(key: str) -> str | None:
-    """The method or observer whose option an axis is, or ``None``."""
+    """Return the method or observer whose option an axis is, or ``None``."""
     parts = key.split(".")
     return parts[1] if parts[0] == "options" and len(parts) > 2 else None
 
@@ -181,7 +181,7 @@ def _expand(matrix: Matrix, origin: str, base: list[Layer], plugins: PluginRegis
 
 
 def _combinations(matrix: Matrix, method: str, plugins: PluginRegistry) -> list[dict[str, Any]]:
-    """Values on the matrix's further axes, each once; options of who does not take part are left out."""
+    """Unique combinations of the further axes' values; options of absent plugins are left out."""
     found: dict[str, dict[str, Any]] = {}
     for values in product(*matrix.axes.values()):
         chosen = dict(zip(matrix.axes, values, strict=True))
@@ -216,7 +216,7 @@ def _axis_layer(key: str, value: Any) -> Layer:
 def _name(
     game: str, method: str, seed: int, steps: int | None, victim: str | None, axes: Mapping[str, Any]
 ) -> str:
-    """Readable, and the same whatever other values the axes have: a matrix can be extended.
+    """Readable directory name, independent of the axes' other values, so that a matrix can be extended.
 
     Of several budgets the first is not named, so that it can be raised.
     """

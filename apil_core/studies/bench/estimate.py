@@ -1,4 +1,4 @@
-"""What a matrix will cost: step rates and lengths of games measured here, for every kind of cell it has."""
+"""Estimate a matrix's cost: step rates and game lengths, measured here for every kind of cell."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _GAMES = 64
 
 @dataclass(frozen=True)
 class Rate:
-    """How fast a cell trains here.
+    """Measured training speed of a cell on this machine.
 
     Attributes:
         steps_per_second: environment steps of one worker, alone on the machine as it is now.
@@ -33,7 +33,7 @@ class Rate:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Cost of a benchmark on one worker, s.
+    """Cost of a benchmark on one worker, in s.
 
     Attributes:
         rates: of training, by cell's name.
@@ -49,7 +49,7 @@ class Estimate:
     retraining: float
 
     def hours(self, workers: int) -> float:
-        """Of all that is left, if workers did not slow each other down and never waited."""
+        """Remaining time in h, if workers neither slowed each other down nor waited."""
         seconds = sum(self.training.values()) + sum(self.scoring.values()) + self.retraining
         return seconds / workers / 3600
 
@@ -62,7 +62,7 @@ def estimate(
     jobs: list[Job] | None = None,
     note: Callable[[str], None] = lambda text: None,
 ) -> Estimate:
-    """Measure what the cells need; a few seconds for each method in each game.
+    """Measure one cell of each kind; a few seconds for each method in each game.
 
     Args:
         benchmark: what is to be run.
@@ -109,7 +109,7 @@ def _own_rate(bench: BenchDir, cell: Cell) -> float | None:
 
 
 def _kind(config: RunConfig) -> str:
-    """What the speed depends on: everything but the seed and the budget."""
+    """Key of the cells with equal speed: everything but the seed and the budget."""
     return config.model_dump_json(exclude={"seed", "steps", "evaluation", "checkpoint", "recorders"})
 
 

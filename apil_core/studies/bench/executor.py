@@ -1,4 +1,4 @@
-"""Where jobs run: one interface, and worker processes on this machine, the default behind it."""
+"""The interface of executors, and the default one: worker processes on this machine."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class Executor(Protocol):
         """
 
     def stop(self) -> None:
-        """Ask running jobs to stop with a checkpoint and forget those not begun; again: at once."""
+        """Ask running jobs to stop with a checkpoint and drop waiting ones; the second call stops at once."""
 
     def close(self) -> None:
-        """Wait for what runs, and let go of all workers."""
+        """Wait for running jobs, and release all workers."""
 
 
 class LocalProcesses:
-    """A process per job, so that nothing one does, a crash included, can touch the others.
+    """One process per job, so that a crash cannot affect the others.
 
     Args:
         root: the benchmark's directory.

@@ -1,4 +1,4 @@
-"""A benchmark on disk: its matrix, one run directory per cell, and what is made of them."""
+"""A benchmark's directory: its matrix, one run directory per cell, and the results of its stages."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class CellDir:
 
     @property
     def status(self) -> str:
-        """``finished``, ``failed``, ``waiting`` (nothing there yet), or what the run's directory tells."""
+        """``finished``, ``failed``, ``waiting`` (nothing there yet), or the status of the run's directory."""
         if self.failure:
             return "failed"
         if not self.run.config_path.is_file():
@@ -53,7 +53,7 @@ class CellDir:
         return str(self.run.summary()["status"])
 
     def score(self, name: str) -> Any:
-        """The score of that name, an ``EvaluationResult``, or ``None`` if it is not there yet.
+        """The score of that name, an ``EvaluationResult``, or ``None`` if there is none yet.
 
         Raises:
             RunDirError: its file is damaged.
@@ -85,7 +85,7 @@ class BenchDir:
         return load_matrix(str(self.matrix_path))
 
     def write_matrix(self, matrix: Matrix) -> None:
-        """Store the resolved matrix, every key under a comment."""
+        """Write the resolved matrix, every key under a comment."""
         from apil_core.config.yaml import commented_yaml
 
         text = commented_yaml(matrix.model_dump(mode="json"), Matrix).encode()
@@ -122,7 +122,7 @@ class BenchDir:
         ]
 
     def baseline_dir(self, game: str, victim: str | None = None) -> Path:
-        """Where the scores of a game's baseline adversary against a victim are."""
+        """Directory of the scores of a game's baseline adversary against a victim."""
         names = self.matrix().victims.get(game, ())
         first = not names or victim in (None, names[0])
         folder = self.path / "baseline" / game
@@ -137,19 +137,19 @@ class BenchDir:
         return sorted(path.parent for path in (self.path / "retrained").glob("*/*/*/config.yaml"))
 
     def retrained_dir(self, cell_name: str) -> Path:
-        """Where the victim retrained against a cell's adversary is."""
+        """Directory of the victim retrained against a cell's adversary."""
         return self.path / "retrained" / cell_name
 
     def crossplay_path(self, game: str) -> Path:
-        """The games of every adversary against every victim."""
+        """Path of the games of every adversary against every victim."""
         return self.path / "crossplay" / f"{game}.json"
 
     def activations_path(self, game: str) -> Path:
-        """The victim's activations against each opponent."""
+        """Path of the victim's activations against each opponent."""
         return self.path / "activations" / f"{game}.json"
 
     def snapshot_path(self, cell_name: str) -> Path:
-        """The strip of pictures of a cell's adversary."""
+        """Path of the contact sheet of a cell's adversary."""
         return self.path / "snapshots" / f"{cell_name}.png"
 
     def set_aside(self, cell_name: str) -> None:
@@ -161,14 +161,14 @@ class BenchDir:
             retrained.rename(earlier / f"{len(list(earlier.iterdir()))}")
 
     def log_path(self, job: str) -> Path:
-        """What a job's process printed."""
+        """Path of a job's output."""
         return self.logs / f"{job.replace('/', '_')}.log"
 
     def _failure_path(self, job: str) -> Path:
         return self.logs / f"{job.replace('/', '_')}.failed.json"
 
     def failure(self, job: str) -> str:
-        """Why a job's last attempt failed, or ``""``."""
+        """The reason why a job's last attempt failed, or ``""``."""
         path = self._failure_path(job)
         try:
             return str((read_json(path) or {"error": ""})["error"])
@@ -176,7 +176,7 @@ class BenchDir:
             return f"unknown: {path} is damaged"
 
     def note_failure(self, job: str, error: str) -> None:
-        """Remember why a job failed; an empty text forgets it."""
+        """Store the reason of a job's failure; an empty text clears it."""
         path = self._failure_path(job)
         if not error:
             path.unlink(missing_ok=True)
@@ -187,7 +187,7 @@ class BenchDir:
 
     @contextmanager
     def lock(self) -> Iterator[None]:
-        """Hold the benchmark against other schedulers; a killed one lets go by itself.
+        """Lock the benchmark against other schedulers; the lock of a killed one is released by itself.
 
         Raises:
             RunDirError: another one is at work here.
@@ -198,12 +198,12 @@ class BenchDir:
 
 
 def score_path(directory: Path, name: str) -> Path:
-    """Where the score of that name is kept."""
+    """Path of the score of that name."""
     return directory / "scores" / f"{name}.json"
 
 
 def read_score(directory: Path, name: str) -> Any:
-    """A score from its file, an ``EvaluationResult``, or ``None`` if there is none.
+    """Read a score, an ``EvaluationResult``; ``None`` if there is none.
 
     Raises:
         RunDirError: the file is damaged.
@@ -220,7 +220,7 @@ def read_score(directory: Path, name: str) -> Any:
 
 
 def write_score(directory: Path, name: str, result: Any) -> None:
-    """Keep a score, whole or not at all."""
+    """Write a score atomically."""
     path = score_path(directory, name)
     path.parent.mkdir(parents=True, exist_ok=True)
     text = result.model_dump_json(indent=1).encode() + b"\n"
@@ -228,7 +228,7 @@ def write_score(directory: Path, name: str, result: Any) -> None:
 
 
 def read_crossplay(bench: BenchDir, game: str) -> CrossPlay | None:
-    """The cross-play of a game, or ``None`` if there is none yet.
+    """Read the cross-play of a game; ``None`` if there is none yet.
 
     Raises:
         ConfigError: its file is damaged.
@@ -240,7 +240,7 @@ def read_crossplay(bench: BenchDir, game: str) -> CrossPlay | None:
 
 
 def read_activations(bench: BenchDir, game: str) -> ActivationMap | None:
-    """The activations of a game's victim, or ``None`` if there are none yet.
+    """Read the activations of a game's victim; ``None`` if there are none yet.
 
     Raises:
         ConfigError: its file is damaged.

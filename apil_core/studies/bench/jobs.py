@@ -1,4 +1,4 @@
-"""What a benchmark has to do: its jobs, what each waits for, and whether it is done."""
+"""The jobs of a benchmark, their dependencies, and whether they are done."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ CELL, BASELINE, RETRAINING, CROSSPLAY, ACTIVATIONS, SNAPSHOTS = (
 
 @dataclass(frozen=True)
 class Job:
-    """One piece of work, done by one process.
+    """One unit of work, run by one process.
 
     Attributes:
         kind: one of the kinds above.
@@ -46,12 +46,12 @@ class Job:
 
     @property
     def name(self) -> str:
-        """Unique in its benchmark."""
+        """Unique name within the benchmark."""
         return f"{self.kind}/{self.subject}"
 
 
 def make_jobs(benchmark: Benchmark) -> list[Job]:
-    """All jobs in the order they should be started: trainings first, as they take longest."""
+    """All jobs in the order to start them: trainings first, as they take longest."""
     matrix = benchmark.matrix
     cells = [Job(CELL, cell.name, steps=cell.steps) for cell in benchmark.cells]
     retrainings = [
@@ -82,7 +82,7 @@ def make_jobs(benchmark: Benchmark) -> list[Job]:
 
 
 class JobStatus:
-    """Which jobs are done, read from what is on disk.
+    """Status of jobs, read from the files on disk.
 
     Args:
         bench: the directory.
@@ -96,7 +96,7 @@ class JobStatus:
         self.command = ["apil", "bench", "run", str(bench.path)]
 
     def is_done(self, job: Job) -> bool:
-        """Whether nothing of it is left to do.
+        """Return whether nothing of it remains to be done.
 
         Where a file of its results is damaged it is not: the job fails then, and says which.
         """
@@ -106,13 +106,13 @@ class JobStatus:
             return False
 
     def trained(self, cell: Cell) -> bool:
-        """Whether a cell's training has its budget, or was stopped early as agreed."""
+        """Return whether a cell's training has used its budget, or was stopped early by a condition."""
         result = self.bench.cell(cell.name).result() or {}
         enough = bool(result.get("stopped")) or int(result.get("steps", 0)) >= cell.steps
         return result.get("status") == "finished" and enough
 
     def missing_scores(self, cell: Cell) -> dict[str, ScoreConfig]:
-        """Scores of a trained cell that are still to be played."""
+        """Scores of a trained cell that have not been played yet."""
         run = self.bench.cell(cell.name)
         trained = int((run.result() or {}).get("steps", 0))
         scores = self.benchmark.matrix.scores_of(cell.game)
@@ -123,7 +123,7 @@ class JobStatus:
         }
 
     def missing_baselines(self, game: str, victim: str) -> dict[str, ScoreConfig]:
-        """Scores of the game's baseline adversary that are still to be played."""
+        """Scores of the game's baseline adversary that have not been played yet."""
         cell = next(c for c in self.benchmark.cells_of(game) if c.victim == victim)
         folder = self.bench.baseline_dir(game, victim)
         scores = self.benchmark.matrix.scores_of(game)
@@ -138,7 +138,7 @@ class JobStatus:
         }
 
     def adversaries(self, game: str) -> dict[str, str]:
-        """Label → name of all who can attack in a game by now: its baseline, and the trained cells."""
+        """Label → name of all available attackers of a game: its baseline, and the trained cells."""
         baseline = self.benchmark.baselines.get(game)
         cells = [cell for cell in self.benchmark.cells_of(game) if self.trained(cell)]
         names = labels(self.benchmark.cells_of(game))  # also of those to come: a label must not change then
@@ -146,7 +146,7 @@ class JobStatus:
         return {**({"baseline": baseline} if baseline else {}), **runs}
 
     def victims(self, game: str) -> dict[str, str]:
-        """Label → name of the game's victims by now: the original ones, and the retrained."""
+        """Label → name of the game's available victims: the original ones, and the retrained."""
         own = self.benchmark.matrix.victims[game]
         originals = {"original" if len(own) == 1 else f"original {name}": name for name in own}
         names = labels(self.benchmark.cells_of(game))
@@ -180,7 +180,7 @@ class JobStatus:
         return covers(found, self.adversaries(game), self.victims(game))
 
     def valid_crossplay(self, document: CrossPlay, game: str) -> CrossPlay:
-        """What of a cross-play was played by those who are here now, as the matrix wants it."""
+        """The part of a cross-play that fits the present players and the matrix."""
         from apil_core.config.game import stored_physics
         from apil_core.studies.bench.still_valid import still_valid
 
@@ -191,7 +191,7 @@ class JobStatus:
         return still_valid(document, self.adversaries(game), self.victims(game), hashes, wanted)
 
     def _adversaries_sha256(self, game: str) -> dict[str, str]:
-        """Of the trained cells' weights, by label; a budget that was raised has changed them."""
+        """Weight hashes of the trained cells by label; a raised budget changes them."""
         from apil_core.common.files import sha256
 
         cells = [cell for cell in self.benchmark.cells_of(game) if self.trained(cell)]
@@ -216,7 +216,7 @@ class JobStatus:
 
 
 def labels(cells: Sequence[Cell]) -> dict[str, str]:
-    """Name → short label of cells of one game: the method, with what else tells its cells apart."""
+    """Short labels of one game's cells by name: the method, plus what distinguishes its cells."""
     found = {}
     for cell in cells:
         alone = sum(other.method == cell.method for other in cells) == 1
@@ -225,7 +225,7 @@ def labels(cells: Sequence[Cell]) -> dict[str, str]:
 
 
 def matches(result: Any, wanted: ScoreConfig, cell: Cell, trained: int | None) -> bool:
-    """Whether a stored score is the one asked for: of these weights, in these circumstances.
+    """Return whether a stored score has the required weights and settings.
 
     ``trained`` is ``None`` for the baseline, which has no run and so no run's observers.
     """
@@ -259,7 +259,7 @@ def matches(result: Any, wanted: ScoreConfig, cell: Cell, trained: int | None) -
 
 
 def covers(document: Any, adversaries: dict[str, str], victims: dict[str, str]) -> bool:
-    """Whether a cross-play has games of all these against each other."""
+    """Return whether a cross-play has games of all these against each other."""
     if document is None:
         return False
     rows = {player.label for player in document.adversaries}

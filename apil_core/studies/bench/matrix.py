@@ -1,4 +1,4 @@
-"""What a benchmark consists of: the file ``matrix.yaml`` as a typed model."""
+"""The file ``matrix.yaml`` as a typed model."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 
 def check_name(name: str, where: str) -> None:
-    """Whether a score can be called so: its file is.
+    """Check that a score's name can be a file name.
 
     Raises:
         ValueError: it cannot.
@@ -156,7 +156,7 @@ class Matrix(Section):
     @field_validator("scores", mode="before")
     @classmethod
     def _sections(cls, value: Any) -> Any:
-        """``plain:`` with nothing below it has all defaults."""
+        """Fill an empty section, ``plain:``, with its defaults."""
         if isinstance(value, Mapping):
             return {name: {} if section is None else section for name, section in value.items()}
         return value
@@ -188,7 +188,7 @@ class Matrix(Section):
         return self
 
     def _check_game_axes(self) -> None:
-        """Who would be played against whom in which variant of the game is not for us to guess.
+        """Reject axes over game options: it would be ambiguous which players meet in which variant.
 
         What observers do to the sides' eyes is part of it.
         """
@@ -215,7 +215,7 @@ class Matrix(Section):
 
     @property
     def stages(self) -> dict[str, RetrainingStage | CrossPlayStage | ActivationStage | SnapshotStage]:
-        """What is done with the trained adversaries, by name."""
+        """The stages that follow training, by name."""
         stages = {
             "retraining": self.retraining,
             "crossplay": self.crossplay,
@@ -229,7 +229,7 @@ class Matrix(Section):
         return {name: score for name, score in self.scores.items() if not score.games or game in score.games}
 
     def has(self, stage: str, game: str) -> bool:
-        """Whether a stage is wanted for a game."""
+        """Return whether a stage is enabled for a game."""
         found = self.stages.get(stage)
         return found is not None and (not found.games or game in found.games)
 
@@ -244,7 +244,7 @@ _OWN_AXES = {
 
 
 def matrix_names() -> list[str]:
-    """Matrices that ship with the package."""
+    """Names of the matrices that ship with the package."""
     from importlib import resources
 
     folder = resources.files("apil_core.studies.bench") / "matrices"
@@ -252,7 +252,7 @@ def matrix_names() -> list[str]:
 
 
 def matrix_text(name: str) -> tuple[str, str]:
-    """Text of a matrix, by a file's path or a shipped one's name, and what error messages call it.
+    """Text of a matrix, by a file's path or a shipped one's name, and its name for error messages.
 
     Raises:
         ConfigError: there is none.
@@ -276,7 +276,7 @@ def matrix_text(name: str) -> tuple[str, str]:
 
 
 def load_matrix(name: str) -> Matrix:
-    """The matrix in a file, or the shipped one of that name.
+    """Load the matrix in a file, or the shipped one of that name.
 
     Raises:
         ConfigError: it cannot be read or is wrong, one line per mistake with file and line.

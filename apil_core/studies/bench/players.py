@@ -1,4 +1,4 @@
-"""Everybody a benchmark names, loaded once before anything starts: later would be after hours of training."""
+"""Load every policy that a benchmark names before it starts, so that errors do not come hours later."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from apil_core.studies.bench.cells import Benchmark, Cell, resolve_matrix
 
 
 def with_full_names(benchmark: Benchmark, origin: str) -> Benchmark:
-    """The benchmark with its victims called as runs and scores call them, from wherever they are read.
+    """Return the benchmark with its victims' full names, as runs and scores store them.
 
     Args:
         benchmark: resolved; every victim and baseline in it is loaded and put into its seat.

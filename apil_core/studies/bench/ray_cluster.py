@@ -1,4 +1,4 @@
-"""Finding a Ray cluster, or starting one on this machine, quickly and quietly."""
+"""Connect to a Ray cluster, or start one on this machine, quickly and quietly."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _STORE = 80 * 2**20
 
 
 def connect(address: str | None, cpus: int | None) -> Any:
-    """Join a cluster; returns the module ``ray``.
+    """Join a cluster; return the module ``ray``.
 
     Args:
         address: ``HOST:PORT``, ``auto`` for the one this machine is part of, or ``None`` for a new one here.
@@ -48,7 +48,7 @@ def connect(address: str | None, cpus: int | None) -> Any:
 
 
 def slots(ray: Any, threads: int) -> int:
-    """Jobs of that many CPUs that the cluster's nodes have room for together.
+    """Number of jobs of that many CPUs that the cluster's nodes can run in parallel.
 
     Raises:
         ApilError: not one fits on any node: Ray would wait for ever.
@@ -63,7 +63,7 @@ def slots(ray: Any, threads: int) -> int:
 
 
 def _knock(address: str) -> None:
-    """See whether anybody listens there.
+    """Check that something listens at the address.
 
     Raises:
         ConfigError: that is no address.

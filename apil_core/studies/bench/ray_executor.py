@@ -23,7 +23,7 @@ _RETRIES = 5
 
 
 class RayExecutor:
-    """A Ray task per job. One whose worker or node dies is begun again elsewhere and resumes.
+    """One Ray task per job. If its worker or node dies, it is restarted elsewhere and resumes.
 
     Args:
         root: the benchmark's directory, the same path on all nodes.
@@ -89,7 +89,7 @@ class RayExecutor:
         return outcome
 
     def _reason(self, error: Exception) -> str:
-        """Why there is no outcome: the worker could not do it, or too many workers were lost."""
+        """The reason for a missing outcome: the worker raised, or too many workers were lost."""
         text = " ".join(str(getattr(error, "cause", None) or error).split())[:300]
         if isinstance(error, self._ray.exceptions.RayTaskError):
             return text
@@ -97,7 +97,7 @@ class RayExecutor:
 
 
 def _work(root: str, job: str, threads: int, folder: str) -> Outcome:
-    """On a worker: run the job in a process of its own, as ``LocalProcesses`` does.
+    """On a worker: run the job in its own process, as ``LocalProcesses`` does.
 
     If this worker is killed the process notices, writes a checkpoint and ends; its successor waits for that.
 

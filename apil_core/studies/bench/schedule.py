@@ -1,4 +1,4 @@
-"""Scheduling the jobs of a benchmark: which may start, and what came of each."""
+"""Schedule the jobs of a benchmark and collect their outcomes."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ _PERIOD = 0.25
 
 
 class Watch:
-    """Callbacks of a running benchmark; these do nothing."""
+    """Callbacks of a running benchmark; the defaults do nothing."""
 
     def update(self, states: dict[str, State]) -> None:
-        """A few times a second, and after every end of a job."""
+        """Called a few times a second, and after every end of a job."""
 
     def ended(self, job: Job, state: State, reason: str) -> None:
-        """A job ended; ``reason`` says why it failed."""
+        """Called when a job has ended; ``reason`` is that of its failure."""
 
     def stopping(self, at_once: bool) -> None:
-        """Somebody asked to stop: with checkpoints, or, the second time, at once."""
+        """Called when a stop is requested: with checkpoints, or, the second time, at once."""
 
 
 @dataclass
 class BenchResult:
-    """How a benchmark went.
+    """The result of a benchmark.
 
     Attributes:
         states: by name of the job.
@@ -46,7 +46,7 @@ class BenchResult:
     interrupted: bool = False
 
     def having(self, state: State) -> list[str]:
-        """Jobs in that state."""
+        """Jobs with that status."""
         return [name for name, found in self.states.items() if found == state]
 
 
@@ -75,7 +75,7 @@ def run_jobs(
 
 
 def jobs_done(jobs: Sequence[Job], status: JobStatus) -> tuple[str, ...]:
-    """Names of jobs with nothing left to do.
+    """Names of the jobs that are done.
 
     What is made of cells is not done while one of them is to come or trains on: it is made of that one, too.
     """
@@ -96,16 +96,16 @@ class _Scheduler:
         self._asked = self._heeded = 0
 
     def ask_to_stop(self) -> None:
-        """Note a wish to stop; a signal's handler, so it does no more than that."""
+        """Record a request to stop; a signal handler, so it does no more than that."""
         self._asked += 1
 
     @property
     def over(self) -> bool:
-        """Nothing runs, and nothing can be started any more."""
+        """True if nothing runs and nothing can be started any more."""
         return not self._futures and (self.result.interrupted or not self.result.having("waiting"))
 
     def step(self) -> None:
-        """Start what can be started, wait a moment, and take note of what ended."""
+        """Start the jobs that are ready, wait a moment, and record those that ended."""
         if not self.result.interrupted:
             self._start_ready()
         wait(self._futures, timeout=_PERIOD, return_when=FIRST_COMPLETED)

@@ -1,4 +1,4 @@
-"""What a benchmark does with its trained adversaries."""
+"""Stages that follow a benchmark's trainings."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def harden(status: JobStatus, cell: Cell, threads: int, progress: Progress) -> b
 
 
 def play_all(status: JobStatus, game: str, threads: int, progress: Progress) -> None:
-    """Every adversary of a game against its victims, the retrained ones included."""
+    """Play every adversary of a game against its victims, the retrained ones included."""
     from apil_core.evaluation.crossplay.crossplay import crossplay
 
     stage = status.benchmark.matrix.crossplay
@@ -79,7 +79,7 @@ def play_all(status: JobStatus, game: str, threads: int, progress: Progress) -> 
 
 
 def map_activations(status: JobStatus, game: str, threads: int, progress: Progress) -> None:
-    """The activations of the game's (first) victim against each adversary, normal play among them."""
+    """Map the activations of the game's first victim against each adversary and in normal play."""
     from apil_core.studies.activations.analysis import analyze
     from apil_core.studies.activations.options import Sampling
 
@@ -102,7 +102,7 @@ def map_activations(status: JobStatus, game: str, threads: int, progress: Progre
 
 
 def _shared(status: JobStatus, game: str, threads: int, physics: Profile | None) -> PairingOptions:
-    """How a game's cells are played against each other."""
+    """Settings with which a game's cells are played against each other."""
     from apil_core.evaluation.options import PairingOptions
 
     config = status.benchmark.cells_of(game)[0].config
@@ -120,7 +120,7 @@ def _shared(status: JobStatus, game: str, threads: int, physics: Profile | None)
 
 
 def take_snapshots(status: JobStatus, cell: Cell, progress: Progress) -> None:
-    """A contact sheet of a game the cell's adversary wins; of its first game if it wins none."""
+    """Save a contact sheet of a game the cell's adversary wins; of its first game if it wins none."""
     from apil_core.evaluation.pairing import load_pairing
     from apil_core.evaluation.video.recording import RenderOptions, show
 
@@ -145,7 +145,7 @@ def take_snapshots(status: JobStatus, cell: Cell, progress: Progress) -> None:
 
 
 def won_game(pairing: Any, seed: int) -> bool:
-    """Whether the adversary wins one of the games a contact sheet is looked for in."""
+    """Return whether the adversary wins one of the games searched for a contact sheet."""
     from apil_core.common.torch_threads import one_torch_thread
     from apil_core.evaluation.video.single_game import SingleGames
 

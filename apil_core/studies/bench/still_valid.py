@@ -1,4 +1,4 @@
-"""What of earlier follow-ups still holds: a matrix may have grown, a budget or a number of games changed."""
+"""Select stored results that are still valid after the matrix, a budget or a number of games changed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def same_player(one: str, other: str) -> bool:
-    """Whether two names mean the same player of a benchmark, wherever its directory has been moved."""
+    """Return whether two names mean the same player, even if the benchmark's directory was moved."""
     return _within(one) == _within(other)
 
 
@@ -27,7 +27,7 @@ def _within(name: str) -> str:
 
 
 def same_players(stored: Sequence[Player], now: Mapping[str, str], hashes: Mapping[str, str]) -> bool:
-    """Whether everybody who is called so now is among the stored ones, under that label, with these weights.
+    """Return whether all present players are stored under the same label with the same weights.
 
     Args:
         stored: who played.
@@ -50,7 +50,7 @@ def still_valid(
     hashes: Mapping[str, str],
     setting: tuple[int, str | None] | None,
 ) -> CrossPlay:
-    """A copy with the players there are now, under their present labels, and only games as they are wanted.
+    """Copy with the present players under their present labels, and only valid games.
 
     Args:
         document: played earlier.
@@ -76,7 +76,7 @@ def still_valid(
 
 
 def _kept(stored: Sequence[Player], now: Mapping[str, str], hashes: Mapping[str, str]) -> dict[int, Player]:
-    """Players that still play, by where they stood."""
+    """Players that still take part, by their old index."""
     found = {}
     for place, player in enumerate(stored):
         label = next((label for label, name in now.items() if same_player(name, player.name)), None)
@@ -86,7 +86,7 @@ def _kept(stored: Sequence[Player], now: Mapping[str, str], hashes: Mapping[str,
 
 
 def check_same_retraining(directory: Path, stage: RetrainingStage | None) -> None:
-    """Whether a retraining that was begun is the one the matrix asks for; more steps are fine.
+    """Check that a started retraining matches the matrix; more steps are fine.
 
     Raises:
         ConfigError: it was begun with other settings.

@@ -1,4 +1,4 @@
-"""One job in a process of its own, which stops by itself, with a checkpoint, when its supervisor is gone."""
+"""A job in its own process, which stops with a checkpoint when its supervisor is gone."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _BETWEEN = 0.1
 
 
 class SupervisedJob:
-    """A running job; use it in ``with``.
+    """A running job; a context manager.
 
     Args:
         root: the benchmark's directory.
@@ -70,7 +70,7 @@ class SupervisedJob:
         self._let_go()
 
     def wait(self) -> Outcome:
-        """How it ended; why it failed is noted in the benchmark's directory."""
+        """Wait for its end and return the outcome; a failure's reason is stored with the benchmark."""
         # not one long wait: what Ray raises to cancel a task comes between two steps of Python's
         while self._process.poll() is None:
             time.sleep(_BETWEEN)
@@ -99,6 +99,6 @@ class SupervisedJob:
         self._log.close()
 
     def _let_go(self) -> None:
-        """Close the pipe, which is what it stops for; a signal might be blocked, or come too early."""
+        """Close the pipe, which makes the job stop; a signal might be blocked, or come too early."""
         if self._process.stdin is not None:
             self._process.stdin.close()

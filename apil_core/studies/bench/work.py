@@ -1,4 +1,4 @@
-"""Doing one job of a benchmark: what of it is still missing, so that it can be started again at any time."""
+"""Do the missing parts of one job of a benchmark; a job can be restarted at any time."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _FREE = ("threads", "device", "trust", "victim_sha256", "recorders", "log_rows",
 
 
 def perform(root: Path, name: str, *, threads: int = 1, progress: Progress | None = None) -> Outcome:
-    """Do what is left of a job.
+    """Do the missing parts of a job.
 
     Args:
         root: the benchmark's directory.
@@ -67,7 +67,7 @@ def perform(root: Path, name: str, *, threads: int = 1, progress: Progress | Non
 
 @contextmanager
 def _alone(bench: BenchDir, name: str) -> Iterator[None]:
-    """Hold a job. A process whose supervisor has died may be at it still, writing its last checkpoint.
+    """Lock a job: a process whose supervisor has died may still be writing its last checkpoint.
 
     Raises:
         RunDirError: it goes on and on.
@@ -79,7 +79,7 @@ def _alone(bench: BenchDir, name: str) -> Iterator[None]:
 
 
 class _Worker:
-    """One process's view of the benchmark while it does a job."""
+    """One process's view of the benchmark during a job."""
 
     def __init__(self, bench: BenchDir, benchmark: Benchmark, threads: int, progress: Progress):
         self.bench = bench
@@ -89,7 +89,7 @@ class _Worker:
         self.progress = progress
 
     def do(self, job: Job) -> bool:
-        """Whether it got to the end; false after Ctrl-C or SIGTERM."""
+        """Return whether the job was completed; false after Ctrl-C or SIGTERM."""
         from apil_core.studies.bench import stages
 
         match job.kind:
@@ -153,7 +153,7 @@ class _Worker:
         seed: int,
         config: RunConfig | None = None,
     ) -> None:
-        """Play and keep scores; ``config`` says what a named policy plays."""
+        """Play and store scores; ``config`` resolves policy names."""
         from apil_core.evaluation.options import EvaluationOptions
         from apil_core.evaluation.score import evaluate
 
@@ -171,7 +171,7 @@ class _Worker:
 
 
 def check_same(stored: RunConfig, cell: Cell) -> None:
-    """Whether a run on disk is the cell the matrix asks for.
+    """Check that a run on disk is the cell the matrix asks for.
 
     Raises:
         ConfigError: it was trained with other settings.

@@ -1,4 +1,4 @@
-"""What is written into a picture of learning curves."""
+"""Titles and captions of figures of learning curves."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from apil_core.training.episode_stats import WINDOW
 
 @dataclass(frozen=True)
 class Wording:
-    """What a picture says of its groups.
+    """The texts of a figure, made from its groups.
 
     Attributes:
         title: what they have in common.
@@ -26,18 +26,18 @@ class Wording:
 
     @classmethod
     def of_runs(cls, groups: Sequence[CurveGroup]) -> Wording:
-        """Where each group is one attack."""
+        """Make the texts where each group is one attack."""
         return cls(title(groups), explanation(groups))
 
 
 def legend(group: CurveGroup) -> str:
-    """What tells a group from the others."""
+    """Labels that distinguish the groups."""
     count = len(group.curves)
     return group.label if count == 1 else f"{group.label}, {count} seeds"
 
 
 def title(groups: Sequence[CurveGroup]) -> str:
-    """What all groups have in common; what they differ in is in the legend."""
+    """Settings that all groups share; the others are in the legend."""
     curves = [curve for group in groups for curve in group.curves]
     methods, games, victims = (
         list(dict.fromkeys(getattr(curve, key) for curve in curves)) for key in ("method", "env", "victim")
@@ -54,7 +54,7 @@ def title(groups: Sequence[CurveGroup]) -> str:
 
 
 def explanation(groups: Sequence[CurveGroup]) -> str:
-    """How to read the picture, and what the numbers in it depend on."""
+    """How to read the figure, and the settings behind its numbers."""
     curves = [curve for group in groups for curve in group.curves]
     budgets = sorted({curve.steps for curve in curves})
     seeds = sorted({curve.seed for curve in curves})
@@ -68,13 +68,13 @@ def explanation(groups: Sequence[CurveGroup]) -> str:
 
 
 def _span(numbers: Sequence[int]) -> str:
-    """The one number there is, or the least and the largest; sorted."""
+    """The single number, or the least and the largest; sorted."""
     ends = dict.fromkeys((numbers[0], numbers[-1]))
     return " to ".join(f"{number:,}" for number in ends)
 
 
 def bands(groups: Sequence[CurveGroup]) -> Iterator[str]:
-    """What bands around lines are."""
+    """Meaning of the bands around lines."""
     if any(len(group.curves) == 1 for group in groups):
         yield "95 % intervals of the shares"
     if any(len(group.curves) > 1 for group in groups):

@@ -1,4 +1,4 @@
-"""Learning curves: how a run's training games, returns and scores went over environment steps."""
+"""Learning curves: training games, returns and scores of a run over environment steps."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _NEEDED = ("steps", "games", "window_games", "window_wins", "window_ties")
 
 
 class Line(BaseModel):
-    """Values over environment steps, with a band around them if there is one.
+    """Values over environment steps, with an optional band.
 
     Attributes:
         steps: (n,), rising.
@@ -43,7 +43,7 @@ class Line(BaseModel):
 
 
 class ScorePoint(BaseModel):
-    """An evaluation after so many steps of training."""
+    """An evaluation after a number of training steps."""
 
     steps: int
     episodes: int
@@ -77,7 +77,7 @@ class Curve(BaseModel):
 
 
 def read_curve(run: RunDir, metrics: Sequence[str] = ()) -> Curve:
-    """The curve of one run, finished or not.
+    """Read the curve of one run, finished or not.
 
     Args:
         run: its directory.
@@ -136,7 +136,7 @@ def shares(rows: Sequence[dict[str, float]], prefix: str) -> dict[str, Line]:
 
 
 def _returns(rows: Sequence[dict[str, float]]) -> Line:
-    """The adversary's mean return over at least the last 1000 games, fewer in the beginning.
+    """Mean return of the adversary over at least the last 1000 games, fewer at the beginning.
 
     Per iteration there is a mean over the games that ended in it: they are weighted by their number.
     """
@@ -153,7 +153,7 @@ def _returns(rows: Sequence[dict[str, float]]) -> Line:
 
 
 def _imitator(rows: Sequence[dict[str, float]]) -> Line:
-    """How much worse than the best constant the imitator predicts: below 1 it has learnt something."""
+    """Imitator error relative to the best constant's: below 1 it has learnt something."""
     pairs = [(row, row.get("apil/constant_mse", 0.0)) for row in rows]
     ratios = [(int(row["steps"]), row.get("apil/mse", np.nan) / best) for row, best in pairs if best > 0]
     finite = [(steps, value) for steps, value in ratios if np.isfinite(value)]
@@ -192,7 +192,7 @@ def _periodic(row: dict[str, float]) -> ScorePoint:
 
 
 def final_score(run: RunDir) -> EvaluationResult | None:
-    """The score the run ended with, or ``None`` if it has not ended, or ended without one.
+    """The run's final score; ``None`` if it has not ended, or ended without one.
 
     Raises:
         RunDirError: what is stored is no score.
@@ -201,7 +201,7 @@ def final_score(run: RunDir) -> EvaluationResult | None:
 
 
 def final_scores(run: RunDir) -> list[EvaluationResult]:
-    """As :func:`final_score`, with those of earlier ends first if the run was extended.
+    """Like :func:`final_score`, preceded by those of earlier ends if the run was extended.
 
     Raises:
         RunDirError: a file with a result is damaged.

@@ -1,4 +1,4 @@
-"""Curves of runs that differ in the seed only, as one curve: mean and standard deviation."""
+"""Curves of runs that differ in the seed only, merged: mean and standard deviation."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ class CurveGroup(BaseModel):
 
     @property
     def seeds(self) -> list[int]:
-        """Of its runs."""
+        """Seeds of its runs."""
         return [curve.seed for curve in self.curves]
 
 
 def read_groups(runs: Sequence[RunDir], metrics: Sequence[str] = ()) -> list[CurveGroup]:
-    """Read runs and put those together that differ in the seed only, in the order given.
+    """Read runs and group those that differ in the seed only, in the order given.
 
     Args:
         runs: their directories.
@@ -63,7 +63,7 @@ def read_groups(runs: Sequence[RunDir], metrics: Sequence[str] = ()) -> list[Cur
 
 
 def _labels(firsts: Sequence[Curve]) -> list[str]:
-    """As short as tells them apart: method, game, victim, physics where they differ; else the directory."""
+    """Shortest distinct labels: method, game, victim, physics where they differ; else the directory."""
     facts = [(c.method, c.env, c.victim, f"{c.physics} physics" if c.physics else "") for c in firsts]
     differing = [i for i in range(4) if len({fact[i] for fact in facts} - {""}) > 1] or [0]
     labels = [", ".join(fact[i] for i in differing if fact[i]) for fact in facts]
@@ -82,7 +82,7 @@ def _together(curves: Sequence[Curve]) -> dict[str, Line]:
 
 
 def _mean(lines: Sequence[Line], curves: Sequence[Curve]) -> Line:
-    """Mean and standard deviation where all lines are, at the steps of the first."""
+    """Mean and standard deviation over the range that all lines cover, at the steps of the first."""
     begin, end = max(line.steps[0] for line in lines), min(line.steps[-1] for line in lines)
     steps = [step for step in lines[0].steps if begin <= step <= end]
     if not steps:
@@ -94,7 +94,7 @@ def _mean(lines: Sequence[Line], curves: Sequence[Curve]) -> Line:
 
 
 def seed_groups(runs: Sequence[RunDir]) -> list[list[int]]:
-    """Places of runs in ``runs``, those together that differ in the seed only; in the order given.
+    """Indices into ``runs``, grouped where they differ in the seed only; in the order given.
 
     The number of processes is part of the attack: each adds its games to the batch. Two runs of one
     attack with one seed go into two groups: they are copies, not evidence.

@@ -1,4 +1,4 @@
-"""Learning curves as a picture: one panel for each question, one colour for each group of runs."""
+"""A figure of learning curves: one panel per metric, one colour per group of runs."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _figure(groups: Sequence[CurveGroup], wording: Wording) -> Figure:
 
 
 def _first_step(groups: Sequence[CurveGroup]) -> float:
-    """Where the axis begins: at nought, with some room before it if there are scores."""
+    """First step of the axis: 0, with a margin before it if there are scores."""
     curves = [curve for group in groups for curve in group.curves]
     if any(point.steps == 0 for curve in curves for point in curve.scores):
         return -0.03 * max(curve.steps for curve in curves)
@@ -73,7 +73,7 @@ def _first_step(groups: Sequence[CurveGroup]) -> float:
 
 
 def _head(figure: Figure, axis: Axes, groups: Sequence[CurveGroup], title: str) -> None:
-    """The title, with a legend below it if there are several groups."""
+    """Draw the title, with a legend below it if there are several groups."""
     font = {"size": 12, "weight": "bold"}
     if len(groups) == 1:
         figure.suptitle(title, x=0.01, ha="left", **font)
@@ -114,7 +114,7 @@ def draw_panel(axis: Axes, name: str, groups: Sequence[CurveGroup], drawn: Seque
 
 
 def step_axis(axis: Axes) -> None:
-    """Environment steps to the right, as 500k or 2M."""
+    """Format the axis of environment steps, as 500k or 2M."""
     axis.set_xlabel("environment steps")
     axis.xaxis.set_major_formatter(EngFormatter(sep=""))
     axis.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
@@ -124,7 +124,7 @@ def step_axis(axis: Axes) -> None:
 
 
 def draw_line(axis: Axes, line: Line, pen: Pen, label: str, factor: float = 1.0) -> None:
-    """A line with its band; a single value is a mark."""
+    """Draw a line with its band; a single value is a marker."""
     value, low, high = ([factor * v for v in values] for values in (line.value, line.low, line.high))
     single = pen.marker if len(value) == 1 else None
     style: dict[str, Any] = {"color": pen.colour, "linestyle": pen.dashes, "marker": single, "linewidth": 1.8}
@@ -141,7 +141,7 @@ def _faint(axis: Axes, curve: Curve, name: str, factor: float, pen: Pen) -> None
 
 
 def _scores(axis: Axes, name: str, groups: Sequence[CurveGroup], drawn: Sequence[Pen]) -> None:
-    """Evaluations with their intervals, moved apart a little where many share a number of steps."""
+    """Draw evaluations with their intervals, shifted a little where several share a number of steps."""
     span = max(curve.steps for group in groups for curve in group.curves)
     runs = [(curve, pen) for group, pen in zip(groups, drawn, strict=True) for curve in group.curves]
     for i, (curve, pen) in enumerate(runs):
@@ -152,7 +152,7 @@ def _scores(axis: Axes, name: str, groups: Sequence[CurveGroup], drawn: Sequence
 
 
 def _same_scale(axes: Sequence[Axes]) -> None:
-    """Shares are comparable across panels and start at nought."""
+    """Give shares the same scale in all panels, starting at 0."""
     top = min(max(axis.get_ylim()[1] for axis in axes), 103.0)
     for axis in axes:
         axis.set_ylim(0, max(top, 5.0))

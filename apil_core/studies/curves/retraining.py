@@ -1,4 +1,4 @@
-"""How a victim fared against each opponent while it was retrained, as lines and as a picture."""
+"""A victim's results against each opponent during retraining, as lines and as a figure."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Row = dict[str, float]
 
 
 def read_opponents(directory: RetrainDir) -> list[CurveGroup]:
-    """One curve for each opponent; shares and scores are the victim's.
+    """Read one curve per opponent; shares and scores are the victim's.
 
     Where opponents take turns from step to step, one more curve has all games.
 
@@ -73,7 +73,7 @@ def draw_opponents(directory: RetrainDir, path: Path) -> list[CurveGroup]:
 
 
 def _scores(label: str, rows: Sequence[Row], results: Sequence[Mapping[str, Any]]) -> list[ScorePoint]:
-    """Before, in between and after; of several at the same steps the last."""
+    """Scores before, during and after the retraining; of several at the same steps the last."""
     end = rows[-1]["steps"]
     points = [*_of_results(label, results), *_periodic(label, rows)]
     found = {point.steps: point for point in points if point.steps <= end}

@@ -1,1 +1,1 @@
-"""``apil bench report``: what benchmark directories hold, as evidence, as tables and as a page."""
+"""``apil bench report``: the results of benchmark directories, as data, as tables and as a page."""

@@ -1,4 +1,4 @@
-"""What one setting does: cells that differ in it alone, side by side."""
+"""The effect of one setting: cells that differ in it alone, compared."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _TITLES = {"options.apil.prediction": "What ã is: the imitator's prediction, th
 def ablations(
     groups: Groups, named: Mapping[Key, Setting], diagnostics: Sequence[Diagnostics]
 ) -> list[Ablation]:
-    """For every axis with two values or more in one game, method and setting; seeing adversaries only."""
+    """Ablations for every axis with two values or more in one game, method and setting; unblinded scores."""
     axes = dict.fromkeys(axis for ms in groups.cells.values() for m in ms for axis in m.run.axes)
     errors = {each.run: each.facts[RATIO] for each in diagnostics if RATIO in each.facts}
     found = []

@@ -14,7 +14,7 @@ METRICS: tuple[Metric, ...] = ("win", "win_or_tie")
 
 
 def aggregates(tables: Sequence[Table]) -> list[Aggregate]:
-    """Of every setting's table 1, over the games in which all its columns were measured; two at least."""
+    """Aggregate every setting's table 1, over the games in which all columns were measured (at least two)."""
     return [found for table in tables if table.number == 1 for found in _of(table)]
 
 

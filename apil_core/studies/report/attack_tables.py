@@ -1,4 +1,4 @@
-"""Tables 1 and 2: adversaries against the victim, seeing and blinded."""
+"""Tables 1 and 2: adversaries against the victim, unblinded and blinded."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ def attack_tables(
 
 
 def _changed(key: Key) -> bool:
-    """Whether its methods are others than the published ones."""
+    """Return whether its methods differ from the published ones."""
     return key.changes_method or key.variant > 0
 
 
 def _columns(groups: Groups, key: Key, columns: Sequence[str]) -> list[str]:
-    """All, or of changed methods only those that were measured."""
+    """All columns, or of changed methods only those that were measured."""
     if not _changed(key):
         return list(columns)
     measured = {place.method for place in groups.cells if place.key == key}
@@ -91,7 +91,7 @@ def _row(
 def _baseline(
     sources: Sources, groups: Groups, key: Key, blind: str | None, game: str
 ) -> EvaluationResult | None:
-    """The baseline adversary's score in the very same games; the one of most games if there are several."""
+    """The baseline adversary's score in the same games; the one with most games if there are several."""
     members = [m for place, ms in groups.cells.items() if (place.key, place.game) == (key, game) for m in ms]
     played = [(member.score.options_played, member.score.observers or {}) for member in members]
     victims = [member.score.victim for member in members]
@@ -109,7 +109,7 @@ def _baseline(
 
 
 def method_differences(tables: Sequence[Table]) -> list[MethodDifference]:
-    """Every measured column minus every measured one before it."""
+    """Compare every measured column with every measured one before it."""
     found = []
     for table in tables:
         for row in table.rows:
@@ -136,7 +136,7 @@ def _difference(table: Table, own: Cell, base: Cell) -> MethodDifference:
 
 
 def endings(tables: Sequence[Table]) -> list[Endings]:
-    """How the games of every cell of tables 1 and 2 ended."""
+    """The endings of the games of every cell of tables 1 and 2."""
     return [
         _endings(table, each)
         for table in tables

@@ -1,4 +1,4 @@
-"""Tables and their cells: scores of several seeds beside the published value."""
+"""Tables and their cells: scores of several seeds with the published value."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from apil_core.studies.report.table_models import Cell, Figure, SeedScore, Side,
 
 
 def seed_scores(members: Sequence[Scored]) -> list[SeedScore]:
-    """Scores of trained adversaries, theirs."""
+    """Scores of trained adversaries, from the adversary's side."""
     return [seed_score(each.score, each.run.path, each.run.config.seed) for each in members]
 
 
 def seed_score(
     score: EvaluationResult, source: str, seed: int | None = None, side: Side = "adversary"
 ) -> SeedScore:
-    """One score, seen from that side."""
+    """One score, from the given side."""
     wins, losses = (score.wins, score.losses) if side == "adversary" else (score.losses, score.wins)
     return SeedScore(
         seed=seed,
@@ -42,7 +42,7 @@ def cell(
     value: tuple[float, float] | None,
     marks: Sequence[str] = (),
 ) -> Cell:
-    """A cell with both figures.
+    """Make a cell with win and win+tie.
 
     Args:
         game, column: where it stands.
@@ -81,7 +81,7 @@ def make_table(
     rows: list[list[Cell]],
     blind: str | None = None,
 ) -> Table:
-    """One of the paper's tables in one setting; see :class:`.table_models.Table`."""
+    """Make one of the paper's tables in one setting; see :class:`.table_models.Table`."""
     source = published().tables[number]
     suffix = "" if blind is None else f"-{blind.replace(', ', '-').replace(' ', '-')}"
     return Table(

@@ -37,14 +37,14 @@ _METRICS: tuple[Metric, ...] = ("win_or_tie", "win")
 
 
 class _Finding(NamedTuple):
-    """One comparison: what it says about the claim, and the words for it."""
+    """One comparison: its verdict on the claim, and the text for it."""
 
     verdict: Truth
     text: str
 
 
 def claims(tables: Sequence[Table], settings: Sequence[Setting]) -> list[Claim]:
-    """All claims in every setting whose tables can tell something about them."""
+    """All claims in every setting whose tables have data on them."""
     found = []
     for setting in settings:
         if setting.changes_method:
@@ -159,7 +159,7 @@ def _claim(
     paper: str,
     needs: Sequence[str] = ORDER,
 ) -> Claim:
-    """A claim with its checks; it is about all games of the paper and about the methods it ``needs``."""
+    """Make a claim with its checks; it concerns all games of the paper and the methods it ``needs``."""
     checks = []
     for row in (row for row in table.rows if row[0].game in published().games):
         found = list(findings(row))
@@ -184,14 +184,14 @@ def _claim(
 
 
 def _together(verdicts: Sequence[Truth]) -> Truth:
-    """All must hold; one that does not is enough."""
+    """Combine findings: all must hold; one failure is enough to fail."""
     if _FAILS in verdicts:
         return _FAILS
     return _HOLDS if verdicts and set(verdicts) == {_HOLDS} else _OPEN
 
 
 def _short(setting: Setting) -> str:
-    """Why the budget is not the published one, or ``""``."""
+    """The reason why the budget is not the published one, or ``""``."""
     marks = dict.fromkeys([setting.budget, budget_mark(setting.steps, published().adversary_steps)])
     return " and ".join(filter(None, marks)) or ("an unknown budget" if setting.steps is None else "")
 
@@ -222,7 +222,7 @@ def _summary(checks: Sequence[Check], absent: Sequence[str], table: Table, setti
 
 
 def _trained(row: Sequence[Cell]) -> list[str]:
-    """The paper's methods that were measured; its claims are about no others."""
+    """The measured methods of the paper; its claims concern no others."""
     return [each.column for each in row if each.scores and each.column in ORDER]
 
 
@@ -239,7 +239,7 @@ def _share(own: Cell | None, metric: Metric) -> Share | None:
 def _more(
     row: Sequence[Cell], column: str, base: str, metric: Metric, name: str = "", base_name: str = ""
 ) -> _Finding:
-    """That a column is above another: beyond noise, or it cannot be told."""
+    """Check that a column is above another, beyond noise."""
     own, other = _share(_cell(row, column), metric), _share(_cell(row, base), metric)
     name, base_name = name or column, base_name or base
     if own is None or other is None:
@@ -257,7 +257,7 @@ def _needing_seeds(row: Sequence[Cell], columns: Sequence[str], finding: _Findin
 
 
 def _kept(name: str, own: Share, before: Share) -> _Finding:
-    """That no more than the margin was lost: surely not more, surely more, or neither."""
+    """Check that no more than the margin was lost: confirmed, refuted, or undecided."""
     text = f"{name} {percent(before.value)} → {percent(own.value)} %"
     if before.high < MARGIN:
         return _Finding(_OPEN, f"{text}, too little to lose any")

@@ -1,4 +1,4 @@
-"""Scores put together that may be averaged, and kept apart otherwise."""
+"""Group the scores that may be averaged."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Scored(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Where scores go: one cell of one table."""
+    """Key of a group: one cell of one table."""
 
     key: Key
     blind: str | None
@@ -34,7 +34,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class Groups:
-    """All scores in their places.
+    """All scores, grouped.
 
     Attributes:
         cells: one entry per seed; seeds rise.
@@ -49,7 +49,7 @@ class Groups:
     variants: dict[Key, str] = field(default_factory=dict)
 
     def settings(self) -> list[Key]:
-        """All, in the order of appearance."""
+        """All settings, in the order of appearance."""
         return list(dict.fromkeys([*(place.key for place in self.cells), *(key for key, _ in self.unscored)]))
 
     def members(self, key: Key, game: str, method: str, blind: str | None = None) -> list[Scored]:
@@ -58,7 +58,7 @@ class Groups:
 
 
 def group(runs: Sequence[Run]) -> Groups:
-    """Put every score into its place."""
+    """Group all scores."""
     found = Groups()
     attack = {
         place: number for number, places in enumerate(seed_groups([r.dir for r in runs])) for place in places
@@ -85,7 +85,7 @@ def group(runs: Sequence[Run]) -> Groups:
 
 
 def blinding(score: EvaluationResult) -> str | None:
-    """How the adversary was blinded, in words."""
+    """Describe the adversary's blinding."""
     if score.blind is None:
         return None
     return f"{score.blind}, imitator too" if score.blind_imitator else score.blind
@@ -94,7 +94,7 @@ def blinding(score: EvaluationResult) -> str | None:
 def _place(
     scored: Scored, attack: int, seen: dict[tuple[Key, str, str], list[tuple[int, str, Run]]], found: Groups
 ) -> Key:
-    """The key with its variant: the same for runs that differ in the seed only, and for copies."""
+    """A score's key and variant: the same for runs that differ in the seed only, and for copies."""
     run, how = scored.run, conditions(scored.score)
     key = key_of(run, scored.score)
     known = seen.setdefault((key, run.config.env, run.config.method), [])
@@ -109,7 +109,7 @@ def _place(
 
 
 def _telling(first: Run, run: Run) -> str:
-    """In what two runs of one cell differ beside the seed."""
+    """Settings other than the seed in which two runs of one cell differ."""
     different = differences(first.config, run.config)
     facts = [
         f"{key} {b} instead of {a}"

@@ -1,4 +1,4 @@
-"""Settings in words, and what makes their numbers weaker than the published ones."""
+"""Descriptions of settings, and reasons why their numbers are weaker than the published ones."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ALWAYS = ("steps", "physics")
 
 
 def settings(groups: Groups) -> dict[Key, Setting]:
-    """A setting for every key, the one with most cells first."""
+    """Make a setting for every key, the one with most cells first."""
     keys = _in_order(groups)
     texts = {key: _texts(key, groups) for key in keys}
     shown = {*varying(texts.values()), *_ALWAYS}
@@ -32,12 +32,12 @@ def settings(groups: Groups) -> dict[Key, Setting]:
 
 
 def in_paper(games: Iterable[str]) -> bool:
-    """Whether the paper played one of them: to other games its budgets say nothing."""
+    """Return whether the paper has one of these games; its budgets do not apply to others."""
     return bool(set(games) & set(published().games))
 
 
 def _in_order(groups: Groups) -> list[Key]:
-    """Most cells, no further axes, largest budget, the game as it was made."""
+    """Sort: most cells, no further axes, largest budget, faithful physics."""
     cells = {
         key: sum(place.key == key and place.blind is None for place in groups.cells)
         for key in groups.settings()
@@ -117,7 +117,7 @@ def setting_notes(
     *,
     paper: bool,
 ) -> list[str]:
-    """In what games differ from the published ones.
+    """Differences of a setting's games from the published ones.
 
     Args:
         steps: training budget.
@@ -146,7 +146,7 @@ def setting_notes(
 
 
 def cell_marks(setting: Setting, game: str, seeds: int, episodes: int) -> list[str]:
-    """Short loud words on a cell; ``seeds`` 0 for an agent that was not trained here."""
+    """Short warning labels of a cell; ``seeds`` 0 for an agent that was not trained here."""
     marks = [setting.budget] if seeds and setting.budget and in_paper([game]) else []
     if 0 < seeds < 3:
         marks.append(f"{seeds} seed" if seeds == 1 else f"{seeds} seeds")

@@ -1,4 +1,4 @@
-"""The four tables as LaTeX; they need no package."""
+"""The four tables as LaTeX, without packages."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SIGNS = {"within noise": r"$\approx$", "higher": r"$\uparrow$", "lower": r"$\do
 
 
 def escaped(text: str) -> str:
-    """Text as LaTeX prints it."""
+    """Escape text for LaTeX."""
     return "".join(_SPECIAL.get(letter, letter) for letter in text)
 
 

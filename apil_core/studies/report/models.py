@@ -1,4 +1,4 @@
-"""Everything a report shows beside its tables, as data. Shares of games are fractions, published ones too."""
+"""Data of a report other than its tables. Shares of games are fractions, published ones too."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Truth = Literal["holds", "does not hold", "cannot be told"]
 
 
 class Warning(BaseModel):
-    """Something a reader must know before believing a number.
+    """A caveat that a reader needs for interpreting a number.
 
     Attributes:
         kind: ``ties``, ``seeds``, ``episodes``, ``budget``, ``physics``, ``victim``, ``action modes``,
@@ -39,7 +39,7 @@ class Warning(BaseModel):
 
 
 class Check(BaseModel):
-    """A claim in one game: the verdict and the sentence with the numbers behind it."""
+    """A claim in one game: the verdict, and a sentence with the numbers."""
 
     game: str
     verdict: Truth
@@ -144,7 +144,7 @@ class Snapshot(BaseModel):
 
 
 class Diagnostics(BaseModel):
-    """Numbers that show how a training went, beside its score.
+    """Metrics that show how a training went, apart from its score.
 
     Attributes:
         facts: final values by name, e.g. ``imitator mse / constant mse``.
@@ -163,7 +163,7 @@ class Diagnostics(BaseModel):
 
 
 class Unfinished(BaseModel):
-    """A cell without its score: why."""
+    """A cell without its score, with the reason."""
 
     game: str
     method: str
@@ -197,7 +197,7 @@ class RunFacts(BaseModel):
 
 
 class Provenance(BaseModel):
-    """Where the numbers come from.
+    """Sources of the numbers.
 
     Attributes:
         matrices: resolved matrix of each directory, by its path.
@@ -220,7 +220,7 @@ class Provenance(BaseModel):
 
 
 class ReportData(BaseModel):
-    """Everything the report shows.
+    """All data that the report shows.
 
     Attributes:
         games, columns: in the order of every table; ``columns`` starts with ``baseline``.
@@ -249,5 +249,5 @@ class ReportData(BaseModel):
     provenance: Provenance
 
     def setting(self, key: str) -> Setting:
-        """The setting with that id."""
+        """Return the setting with that id."""
         return next(setting for setting in self.settings if setting.id == key)

@@ -1,4 +1,4 @@
-"""What else benchmarks hold: retraining curves, cross-plays, activations, pictures."""
+"""Other results of benchmarks: retraining curves, cross-plays, activations, pictures."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from apil_core.studies.report.training_curves import thinned_group
 
 
 def retraining_curves(sources: Sources) -> list[RetrainingCurve]:
-    """Of every retraining that was started; one that cannot be read has its error as status."""
+    """Curves of every started retraining; one that cannot be read has its error as status."""
     return [_retraining(path) for bench, _ in sources.benches.values() for path in bench.retrained()]
 
 
@@ -37,7 +37,7 @@ def _retraining(path: Path) -> RetrainingCurve:
 
 
 def snapshots(sources: Sources) -> list[Snapshot]:
-    """Every strip of pictures below ``snapshots/``."""
+    """Every contact sheet in ``snapshots/``."""
     found = []
     for bench, _ in sources.benches.values():
         folder = bench.path / "snapshots"

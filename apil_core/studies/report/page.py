@@ -1,4 +1,4 @@
-"""The report as one HTML file that needs nothing else: no network, no other file, no server."""
+"""The report as one self-contained HTML file: no network, no other file, no server."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def write_page(data: ReportData, path: Path) -> None:
 
 
 def render(data: ReportData) -> str:
-    """The page's HTML. Names and messages of plugins are text in it, never markup."""
+    """Render the page's HTML. Names and messages of plugins are text in it, never markup."""
     environment = _environment()
     pens = palette.pens([*data.columns, *_opponents(data)])
     script = _raw(_source(environment, "page.js"))
@@ -80,7 +80,7 @@ def _source(environment: Environment, name: str) -> str:
 
 
 def _raw(text: str) -> Markup:
-    """Not to be escaped: our own style and script."""
+    """Mark our own style or script as safe, so that it is not escaped."""
     from markupsafe import Markup
 
     # line ends as HTML reads them, since the policy's hash is of what a browser reads
@@ -88,7 +88,7 @@ def _raw(text: str) -> Markup:
 
 
 def _policy(script: str) -> str:
-    """Only this script may run, and nothing may be fetched."""
+    """Content security policy: only this script may run, and nothing may be fetched."""
     rules = {
         "default-src": "'none'",
         "script-src": f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'",
@@ -101,14 +101,14 @@ def _policy(script: str) -> str:
 
 
 def _opponents(data: ReportData) -> list[str]:
-    """Who else has columns, lines or points of its own."""
+    """Names of all columns, lines and points that need a colour of their own."""
     columns = [column for table in data.tables for column in table.columns]
     retrained = [group.label for curve in data.retraining for group in curve.groups]
     return [*columns, *retrained, *(name for each in data.activations for name in each.opponents)]
 
 
 def _mark(pen: Pen) -> Markup:
-    """How a legend shows a pen: its dash and its mark, in its colour."""
+    """Legend symbol of a pen: its dash and its marker, in its colour."""
     from markupsafe import Markup
 
     colour, dash, mark = palette.with_variables(pen.colour), _DASHES[pen.dashes], _MARKS[pen.marker]

@@ -1,4 +1,4 @@
-"""The page's sections in their order: results first, where they come from last, none without data."""
+"""The page's sections in their order: results first, provenance last; empty ones are left out."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _EVERY: Options = (*_BOTH, ("return", "return"), ("imitator", "imitator’s erro
 
 @dataclass(frozen=True)
 class Facet:
-    """A selector; its first option is chosen at first."""
+    """A selector; its first option is selected initially."""
 
     name: str
     legend: str
@@ -69,7 +69,7 @@ class Section:
 
     @property
     def facets(self) -> list[Facet]:
-        """Selectors, of what figures differ in."""
+        """Selectors for the properties in which figures differ."""
         facets = []
         for name in dict.fromkeys(name for plot in self.plots for name in plot.facets):
             values = list(dict.fromkeys(plot.facets.get(name, "") for plot in self.plots))
@@ -82,7 +82,7 @@ class Section:
 
 
 def sections(data: ReportData, pens: Mapping[str, Pen]) -> list[Section]:
-    """Those that have data."""
+    """The sections that have data."""
     settings = {setting.id: setting.label for setting in data.settings}
     views = table_views(data)
     first = [view for view in views if view.table.number == 1]
@@ -200,10 +200,10 @@ class _Set(Protocol):
 
 
 def _if_several(items: Sequence[_Set], settings: dict[str, str]) -> dict[str, str]:
-    """Labels of settings, if a section has several; of a single one every caption would say the same."""
+    """Labels of settings, if a section has several; otherwise every caption would be the same."""
     return settings if len({item.setting for item in items}) > 1 else {}
 
 
 def _setting_first(settings: dict[str, str]) -> dict[str, Options]:
-    """The main setting is shown first, the others on demand."""
+    """Show the main setting initially, the others on demand."""
     return {"setting": [*settings.items(), ("", "all")]}

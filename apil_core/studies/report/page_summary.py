@@ -1,4 +1,4 @@
-"""The page's words about its numbers: who won most often, how claims fared, what was run."""
+"""The page's summary sentences: best methods, claims, and the runs behind them."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from apil_core.studies.report.words import amount, percent, several
 
 
 def bests(data: ReportData) -> list[str]:
-    """Table 1 in a sentence for each game: who won most often."""
+    """One sentence for each game of table 1: the method with the highest win rate."""
     table = first_table(data, 1)
     return [text for row in table.rows if (text := _best(row))] if table is not None else []
 
 
 def verdicts(data: ReportData) -> str:
-    """How the paper's claims fared, or nothing."""
+    """Summary of the claims' verdicts; empty without claims."""
     found = Counter(claim.verdict for claim in data.claims)
     if not found:
         return ""
@@ -29,7 +29,7 @@ def verdicts(data: ReportData) -> str:
 
 
 def facts(data: ReportData) -> list[tuple[str, str]]:
-    """Name and value of what was run."""
+    """Name and value of each fact about the runs."""
     runs = data.provenance.runs
     cells = [cell for table in data.tables for row in table.rows for cell in row]
     episodes = sorted({score.episodes for cell in cells for score in cell.scores})
@@ -47,21 +47,21 @@ def facts(data: ReportData) -> list[tuple[str, str]]:
 
 
 def common_notes(data: ReportData) -> list[str]:
-    """What is to be said of the diagnostics of every run, once."""
+    """Notes that apply to the diagnostics of every run, each once."""
     notes = [set(diagnostic.notes) for diagnostic in data.diagnostics]
     shared = set.intersection(*notes) if notes else set()
     return [note for note in (data.diagnostics[0].notes if notes else []) if note in shared]
 
 
 def first_table(data: ReportData, number: int) -> Table | None:
-    """That table in the first setting that has it."""
+    """The table of that number in the first setting that has it."""
     order = [setting.id for setting in data.settings]
     tables = [table for table in data.tables if table.number == number]
     return min(tables, key=lambda table: order.index(table.setting), default=None)
 
 
 def budget(setting: Setting) -> str:
-    """A setting's budget beside the published one."""
+    """A setting's budget relative to the published one."""
     own = setting.retrain_steps if setting.retrain_steps is not None else setting.steps
     return setting.budget or (f"{amount(own)} steps" if own else "")
 

@@ -24,7 +24,7 @@ class Copy:
 
 @dataclass(frozen=True)
 class TableView:
-    """A table with what belongs to it.
+    """A table with its notes and exports.
 
     Attributes:
         first: its number's main setting; others are folded.
@@ -43,23 +43,23 @@ class TableView:
 
     @property
     def columns(self) -> list[str]:
-        """Those in which anything was measured or published."""
+        """Columns with anything measured or published."""
         cells = [cell for row in self.table.rows for cell in row]
         filled = {cell.column for cell in cells if cell.scores or cell.win.published is not None}
         return [column for column in self.table.columns if column in filled]
 
     def column_marks(self, column: str) -> list[str]:
-        """What all measured cells of a column are marked with; it stands once, above it."""
+        """Labels that all measured cells of a column share; shown once, in its header."""
         cells = [cell for row in self.table.rows for cell in row if cell.column == column and cell.scores]
         return [mark for mark in cells[0].marks if all(mark in c.marks for c in cells)] if cells else []
 
     def cell_marks(self, cell: Cell) -> list[str]:
-        """What else a cell is marked with."""
+        """Labels of a cell besides those of its column."""
         above = self.column_marks(cell.column)
         return [mark for mark in cell.marks if mark not in above]
 
     def steps(self, cell: Cell) -> str:
-        """What its agents were trained for."""
+        """Training budget of its agents."""
         found = sorted({score.steps for score in cell.scores if score.steps is not None})
         return ", ".join(amount(steps) for steps in found) or "–"
 

@@ -1,4 +1,4 @@
-"""What the paper's own tables say about its claims; computed, not judged."""
+"""The paper's claims checked on its own tables."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WORDS: dict[Metric, str] = {"win": "wins", "win_or_tie": "win+tie"}
 
 
 def pairs_above(number: int, pairs: Sequence[tuple[str, str]], metric: Metric) -> str:
-    """In how many of its cells a column is above another."""
+    """Count the cells of a table in which a column is above another, as a sentence."""
     table, place = published().tables[number], 0 if metric == "win" else 1
     rows = table.rows
     above = sum(row[a][place] > row[b][place] for row in rows.values() for a, b in pairs)

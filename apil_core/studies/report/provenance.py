@@ -1,4 +1,4 @@
-"""Where the numbers come from: runs, versions, machines, hours; and what is not there yet."""
+"""Sources of the numbers: runs, versions, machines, hours; and missing results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from apil_core.studies.report.sources import Run, Sources, StoredBench
 
 
 def provenance(sources: Sources) -> Provenance:
-    """All of it."""
+    """Collect the provenance."""
     facts = [_facts(run, _session(run, sources)) for run in sources.runs]
     versions: dict[str, list[str]] = {}
     for name, version in ((n, v) for each in facts for n, v in each.versions.items()):
@@ -71,7 +71,7 @@ def _facts(run: Run, session: Mapping[str, Any]) -> RunFacts:
 
 
 def _session(run: Run, sources: Sources) -> dict[str, Any]:
-    """The last session's note; an empty one if there is none that can be read."""
+    """The last session's note; an empty one if none can be read."""
     sessions = sources.read(read_json, run.dir.environment_path, list) or [{}]
     session = sessions[-1] if isinstance(sessions[-1], dict) else {}
     versions = session.get("versions")
@@ -79,7 +79,7 @@ def _session(run: Run, sources: Sources) -> dict[str, Any]:
 
 
 def unfinished(sources: Sources, unscored: Sequence[tuple[Key, Run]]) -> list[Unfinished]:
-    """Cells that were not started, failed, are still at work, or have no score."""
+    """Cells that were not started, failed, are still running, or have no score."""
     found = list(sources.missing)
     found += [
         Unfinished(
@@ -111,7 +111,7 @@ def unfinished(sources: Sources, unscored: Sequence[tuple[Key, Run]]) -> list[Un
 
 
 def _failed_jobs(bench: StoredBench) -> Iterator[tuple[str, str, str]]:
-    """Kind, subject and reason of everything but trainings, which tell themselves."""
+    """Kind, subject and reason of failed jobs other than trainings, whose status shows it."""
     for job in bench.jobs:
         if job.kind != CELL and (reason := bench.failure(job.name)):
             yield job.kind, job.subject, reason

@@ -16,7 +16,7 @@ FILE = "published_results.json"
 
 
 class PublishedTable(BaseModel):
-    """One of them.
+    """One of the paper's tables.
 
     Attributes:
         rows: by game, then by column: (win, win+tie) as fractions.
@@ -33,7 +33,7 @@ class PublishedTable(BaseModel):
 
 
 class Published(BaseModel):
-    """What the paper reports.
+    """The results in the paper.
 
     Attributes:
         columns: ``baseline`` and the paper's methods, in its order.
@@ -54,7 +54,7 @@ class Published(BaseModel):
 
 @cache
 def published() -> Published:
-    """The tables, read from the package once.
+    """Read the tables from the package, once.
 
     Raises:
         ConfigError: the installation is incomplete.

@@ -1,4 +1,4 @@
-"""From directories to everything the report shows."""
+"""Read directories and collect all data that the report shows."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from apil_core.studies.report.training_curves import curve_panels, diagnostics
 
 
 def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
-    """Read benchmarks and say what they show.
+    """Read benchmarks and collect the report's data.
 
     Args:
         dirs: of benchmarks, finished or not; run directories may stand among them.
@@ -74,7 +74,7 @@ def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
 
 
 def _placed(warnings: Sequence[Warning], settings: Sequence[Setting]) -> list[Warning]:
-    """With the setting in words, where warnings are about cells of several."""
+    """Add the setting's description where warnings concern cells of several."""
     cells = {warning.setting for warning in warnings if not warning.loud} - {None}
     labels = {setting.id: setting.label for setting in settings if len(cells) > 1}
     return [
@@ -86,7 +86,7 @@ def _placed(warnings: Sequence[Warning], settings: Sequence[Setting]) -> list[Wa
 
 
 def _games(sources: Sources) -> list[str]:
-    """In the paper's order, others behind."""
+    """Sort games in the paper's order, others last."""
     found = sources.games
     return [g for g in published().games if g in found] + [g for g in found if g not in published().games]
 

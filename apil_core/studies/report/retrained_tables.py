@@ -34,7 +34,7 @@ _TITLES = {
 
 
 class Block(NamedTuple):
-    """What the cells of one table share.
+    """Key of the cells of one table.
 
     Attributes:
         steps: training budget of the adversaries; ``None`` for the baseline.
@@ -61,7 +61,7 @@ class _Entry(NamedTuple):
 
 
 class Attack(NamedTuple):
-    """How an adversary was trained.
+    """Training settings of an adversary.
 
     Attributes:
         steps: the budget asked for; the last iteration may go beyond it.
@@ -75,7 +75,7 @@ class Attack(NamedTuple):
 
 
 class Played(NamedTuple):
-    """A cross-play with what its labels do not tell.
+    """A cross-play with data that its labels do not contain.
 
     Attributes:
         retrain_steps: the benchmark's budget of retraining.
@@ -87,7 +87,7 @@ class Played(NamedTuple):
     attacks: Mapping[str, Attack]
 
     def axes(self, label: str) -> tuple[tuple[str, str], ...]:
-        """Of the adversary of that label."""
+        """Axes of the adversary of that label."""
         return self.attacks[label].axes if label in self.attacks else ()
 
     def attacked(self, label: str) -> str | None:
@@ -119,7 +119,7 @@ def crossplays(sources: Sources) -> list[Played]:
 
 
 def _known(bench: StoredBench, document: CrossPlay, attacks: Mapping[str, Attack]) -> dict[str, Attack]:
-    """By label; a benchmark that was moved has its cells by their labels still."""
+    """Attacks by label; a benchmark that was moved has its cells by their labels still."""
     cells = labels(bench.benchmark.cells_of(document.env))
     paths = {label: str(bench.cell(name).path.resolve()) for name, label in cells.items()}
     paths |= {p.label: path for p in document.adversaries if (path := p.name.removeprefix("run:")) in attacks}
@@ -151,7 +151,7 @@ def retrained_tables(
 
 
 def _belongs(entry: _Entry, block: Block) -> bool:
-    """The victim as it was stands beside all retrained ones that met the same adversaries in the same way."""
+    """Put the original victim beside all retrained ones that met the same adversaries in the same way."""
     own = entry.block
     if entry.column == BASELINE and own.steps in (None, block.steps):
         return own[2:6] == block[2:6]
@@ -159,7 +159,7 @@ def _belongs(entry: _Entry, block: Block) -> bool:
 
 
 def _entries(played: Played) -> Iterator[_Entry]:
-    """The victims' scores, seen from their side."""
+    """The victims' scores, from their side."""
     document = played.document
     for victim in document.victims:
         original = _is_original(victim)
@@ -184,7 +184,7 @@ def _entries(played: Played) -> Iterator[_Entry]:
 def _opponents(
     played: Played, teacher: Player | None, attacked: str, original: bool
 ) -> Iterator[tuple[int, Player]]:
-    """Whom a victim meets in tables 3 and 4: the baseline; E-APIL's, unablated, of its own budget and seed.
+    """A victim's opponents in tables 3 and 4: the baseline; E-APIL's, unablated, of its own budget and seed.
 
     The victim as it was meets those of every budget and seed that were trained against it.
 
@@ -220,7 +220,7 @@ def _block(
 
 
 def _attacked(played: Played, victim: Player) -> str:
-    """Kind of the victim that it is, or was before it was retrained."""
+    """Kind of the victim itself, or of the one it was retrained from."""
     document = played.document
     if _is_original(victim):
         return victim_kind(document.env, victim.name)
@@ -234,7 +234,7 @@ def _is_original(victim: Player) -> bool:
 
 
 def _retraining(victim: Player) -> RetrainConfig | None:
-    """How it was retrained, where its directory is still there."""
+    """Settings of its retraining, if its directory still exists."""
     try:
         return RetrainDir(Path(victim.name.partition(":")[2])).config()
     except ApilError:

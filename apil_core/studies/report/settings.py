@@ -1,4 +1,4 @@
-"""What cells of one table have in common: budget, physics, victim, action modes and further settings."""
+"""Settings shared by the cells of one table: budget, physics, victim, action modes and others."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ DEFAULT_VICTIM, STUDENT = "default", "embedded student"
 
 @dataclass(frozen=True)
 class Key:
-    """What cells of one block of tables share; see :class:`apil_core.studies.report.models.Setting`.
+    """Settings shared by the cells of a block; see :class:`apil_core.studies.report.models.Setting`.
 
     Attributes:
         axes: key and value of the settings its benchmark varies, where they are not the default.
@@ -64,18 +64,18 @@ class Key:
 
     @property
     def training(self) -> Key:
-        """The same for all scores of a run: how it was trained."""
+        """Training settings, which are the same for all scores of a run."""
         return replace(self, physics=None, adversary_actions="", victim_actions="", scored_with=())
 
     @property
     def changes_method(self) -> bool:
-        """Whether an option of a method makes it another one than the published one."""
+        """Return whether an option makes a method differ from the published one."""
         options = (name.split(".")[1] for name, _ in self.axes if name.startswith("options."))
         return any(owner not in self.observers for owner in options)
 
 
 def key_of(run: Run, score: EvaluationResult | None) -> Key:
-    """Where a score of a run belongs; where its own would, if it has none yet."""
+    """Key of a run's score; of its own future score, if it has none yet."""
     config = run.config
     if score is None:
         actions = (config.evaluation.adversary_actions, config.evaluation.victim_actions)
@@ -114,7 +114,7 @@ def _scored_with(config: RunConfig, score: EvaluationResult | None) -> tuple[tup
 
 
 def victim_kind(env: str, victim: str, plugins: Sequence[str] = ()) -> str:
-    """``default``, ``embedded student`` or the name, which games do not share."""
+    """``default``, ``embedded student`` or the policy's name; equal across games for the first two."""
     spec = game_of(env, plugins)
     if spec is None:
         return victim
@@ -123,7 +123,7 @@ def victim_kind(env: str, victim: str, plugins: Sequence[str] = ()) -> str:
 
 
 def game_of(env: str, plugins: Sequence[str] = ()) -> GameSpec | None:
-    """What is registered of a game; ``None`` if it is not installed."""
+    """Return the registered spec of a game; ``None`` if it is not installed."""
     try:
         return _plugins(tuple(plugins)).game(env)
     except ApilError:
@@ -131,12 +131,12 @@ def game_of(env: str, plugins: Sequence[str] = ()) -> GameSpec | None:
 
 
 def value_at(config: RunConfig, key: str) -> Any:
-    """The value of a dotted key, or ``None``."""
+    """Return the value of a dotted key, or ``None``."""
     return flatten(config.model_dump(mode="json")).get(key)
 
 
 def default_config(config: RunConfig) -> RunConfig | None:
-    """What a run of that method in that game has unless told otherwise; ``None`` if it is not installed."""
+    """Default configuration of a run of that method in that game; ``None`` if one is not installed."""
     return _default(config.method, config.env, tuple(config.plugins))
 
 
@@ -177,14 +177,14 @@ def changed_options(config: RunConfig, besides: Container[str]) -> list[str]:
 
 
 def conditions(score: EvaluationResult) -> str:
-    """Everything a score depends on but the adversary, its blinding, the seed and the number of games."""
+    """All that a score depends on except the adversary, its blinding, the seed and the number of games."""
     told = {"env", "victim", "adversary_actions", "victim_actions", "observers"}
     facts = score.model_dump(mode="json", include=told)
     return str({**facts, **dict(sorted(score.options_played.items()))})
 
 
 def varying(keys: Iterable[Mapping[str, str]]) -> set[str]:
-    """Names whose text is not the same in all of them."""
+    """Names with different texts."""
     seen: dict[str, set[str]] = {}
     listed = list(keys)
     for name in {name for facts in listed for name in facts}:

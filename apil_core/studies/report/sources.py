@@ -1,4 +1,4 @@
-"""What the report reads: runs with their scores, the baselines', and what else benchmarks hold."""
+"""Sources of the report: runs with their scores, the baselines', and other results of benchmarks."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Read = TypeVar("Read")
 
 @dataclass(frozen=True)
 class Run:
-    """A training run that was started.
+    """A started training run.
 
     Attributes:
         name: of the cell in its benchmark, or of the directory.
@@ -47,7 +47,7 @@ class Run:
 
     @cached_property
     def physics(self) -> str | None:
-        """Profile it was trained in, ``"custom"``, or ``None`` for a game without."""
+        """Its training profile, ``"custom"``, or ``None`` for a game without profiles."""
         return stored_physics(self.config)
 
     @property
@@ -57,52 +57,52 @@ class Run:
 
     @property
     def steps(self) -> int:
-        """Of training so far."""
+        """Training steps so far."""
         return int(self.summary["steps"])
 
     @property
     def status(self) -> str:
-        """``failed``, or what the directory tells."""
+        """``failed``, or the status of the directory."""
         return "failed" if self.failure else str(self.summary["status"])
 
 
 class StoredRun(RunDir):
-    """A run directory that parses its configuration once: a report asks for it often, and YAML is slow."""
+    """A run directory with cached configuration: a report reads it often, and YAML is slow."""
 
     @cached_property
     def _config(self) -> RunConfig:
         return super().config()
 
     def config(self) -> RunConfig:
-        """The stored configuration; not to be changed."""
+        """The stored configuration; not to be modified."""
         return self._config
 
 
 class StoredBench(BenchDir):
-    """A benchmark's directory whose matrix is parsed and resolved once."""
+    """A benchmark's directory with cached matrix and cells."""
 
     @cached_property
     def _matrix(self) -> Matrix:
         return super().matrix()
 
     def matrix(self) -> Matrix:
-        """The stored, resolved matrix; not to be changed."""
+        """The stored, resolved matrix; not to be modified."""
         return self._matrix
 
     @cached_property
     def benchmark(self) -> Benchmark:
-        """What the matrix stands for."""
+        """The resolved benchmark."""
         return resolve_matrix(self.matrix(), str(self.matrix_path))
 
     @cached_property
     def jobs(self) -> list[Job]:
-        """What it has to do."""
+        """Its jobs."""
         return make_jobs(self.benchmark)
 
 
 @dataclass(frozen=True)
 class Sources:
-    """All that was found, in the order given."""
+    """All sources, in the order given."""
 
     runs: list[Run] = field(default_factory=list)
     missing: list[Unfinished] = field(default_factory=list)
@@ -111,7 +111,7 @@ class Sources:
     damaged: list[str] = field(default_factory=list)
 
     def read(self, reader: Callable[..., Read], *args: Any) -> Read | None:
-        """What ``reader`` gives; ``None``, and a note in ``damaged``, where a file is damaged."""
+        """Return the result of ``reader``; ``None``, and a note in ``damaged``, where a file is damaged."""
         try:
             return reader(*args)
         except ApilError as error:
@@ -120,7 +120,7 @@ class Sources:
 
     @property
     def games(self) -> list[str]:
-        """Of all matrices and runs."""
+        """Games of all matrices and runs."""
         named = [game for _, matrix in self.benches.values() for game in matrix.games]
         return list(dict.fromkeys([*named, *(run.config.env for run in self.runs)]))
 
@@ -170,7 +170,7 @@ def _read_bench(bench: StoredBench, found: Sources) -> None:
 
 
 def _missing(cell: CellDir, status: str, reason: str) -> Unfinished:
-    """A cell that no run was started for, or whose run cannot be read."""
+    """A cell without a started run, or whose run cannot be read."""
     return Unfinished(
         game=cell.env,
         method=cell.method,

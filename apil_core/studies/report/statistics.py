@@ -1,4 +1,4 @@
-"""Shares over seeds, their differences, and means over games. Libraries do the arithmetic."""
+"""Shares over seeds, their differences, and means over games."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def share(counts: Sequence[int], games: Sequence[int]) -> Share:
 
 
 def compared(measured: Share | Rate, base: Share | Rate) -> Difference:
-    """``measured - base`` with a 95 % interval made of both intervals.
+    """``measured - base`` with a 95 % interval combined from both intervals.
 
     Newcombe's construction: the distance of each share to its own limits, added in squares (for other
     intervals than Wilson's known as MOVER, Zou and Donner 2008). With Wilson's intervals it is exactly the
@@ -58,12 +58,12 @@ def compared(measured: Share | Rate, base: Share | Rate) -> Difference:
 
 
 def published_rate(fraction: float, games: int) -> Rate:
-    """A published share with the interval that its number of games gives it."""
+    """A published share with the interval for its number of games."""
     return wilson(round(fraction * games), games)
 
 
 def verdict(difference: Difference) -> Verdict:
-    """Whether a difference is more than noise, and which way."""
+    """Sign of a difference, or that it is within noise."""
     if difference.within_noise:
         return "within noise"
     return "higher" if difference.value > 0 else "lower"

@@ -1,4 +1,4 @@
-"""Tables as data: settings, cells with their figures, methods compared. Shares of games are fractions."""
+"""Data of tables: settings, cells with their figures, method comparisons. Shares of games are fractions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Side = Literal["adversary", "victim"]
 
 
 class Setting(BaseModel):
-    """What cells have in common that may be compared or averaged: one block of each table.
+    """Settings shared by cells that may be compared or averaged: one block of each table.
 
     Attributes:
         id: short and stable: ``"s1"``, …
@@ -58,7 +58,7 @@ class Setting(BaseModel):
 
     @property
     def budget(self) -> str:
-        """The loud mark: ``"1 M of 35 M = 2.9 %"``; empty if the budget is the published one."""
+        """The budget's warning: ``"1 M of 35 M = 2.9 %"``; empty if the budget is the published one."""
         own = self.retrain_steps if self.retrain_steps is not None else self.steps
         return budget_mark(own, self.published_steps)
 
@@ -87,7 +87,7 @@ class Share(BaseModel):
 
 
 class Figure(BaseModel):
-    """A measured share beside its published value.
+    """A measured share with its published value.
 
     Attributes:
         difference: measured minus published, with Newcombe's interval.
@@ -100,7 +100,7 @@ class Figure(BaseModel):
 
 
 class SeedScore(BaseModel):
-    """The games of one trained agent; counts are of the table's side.
+    """The games of one trained agent; counts are from the table's side.
 
     Attributes:
         source: the run directory, or the two labels of a cross-play.
@@ -141,7 +141,7 @@ class Cell(BaseModel):
 
     @property
     def seeds(self) -> int:
-        """How many."""
+        """Number of seeds."""
         return len(self.scores)
 
 
@@ -170,7 +170,7 @@ class Table(BaseModel):
 
 
 class MethodDifference(BaseModel):
-    """Two columns of one game in one table (its id) compared: ``column`` minus ``base``."""
+    """Difference of two columns of one game in one table: ``column`` minus ``base``."""
 
     table: str
     setting: str

@@ -1,4 +1,4 @@
-"""The report as tables beside the page: CSV with every number, LaTeX to print."""
+"""The report's tables as files: CSV with every number, LaTeX for print."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _write(path: Path, text: str) -> Path:
 
 
 def csv_text(rows: Iterable[Row]) -> str:
-    """Rows as CSV under the names of all their columns."""
+    """Format rows as CSV with all their columns."""
     listed = list(rows)
     names = list(dict.fromkeys(name for row in listed for name in row))
     out = io.StringIO()
@@ -63,7 +63,7 @@ def csv_text(rows: Iterable[Row]) -> str:
 
 
 def _no_formula(value: Any) -> Any:
-    """A text that a spreadsheet would take for a formula gets an apostrophe."""
+    """Prefix an apostrophe to a text that a spreadsheet would evaluate as a formula."""
     return f"'{value}" if isinstance(value, str) and value[:1] in tuple("=+-@\t\r") else value
 
 

@@ -1,4 +1,4 @@
-"""How trainings went: learning curves, and numbers that show whether they worked."""
+"""Learning curves, and diagnostics of trainings."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def curve_panels(
 
 
 def _as_trained_first(named: Mapping[Key, Setting]) -> list[tuple[Key, Setting]]:
-    """Settings whose games were played as the training was come first: what is told of it belongs there."""
+    """Sort settings with the training's own evaluation settings first: diagnostics are listed with those."""
     return sorted(
         named.items(),
         key=lambda item: item[0].physics not in (None, item[0].trained) or item[0].scored_with != (),
@@ -93,7 +93,7 @@ def _level(tables: Sequence[Table], setting: Setting, game: str) -> dict[str, fl
 
 
 def thinned(line: Line) -> Line:
-    """At most :data:`POINTS` of its points, first and last among them."""
+    """Keep at most :data:`POINTS` of its points, including the first and last."""
     count = len(line.steps)
     if count <= POINTS:
         return line
@@ -102,7 +102,7 @@ def thinned(line: Line) -> Line:
 
 
 def thinned_group(group: CurveGroup) -> CurveGroup:
-    """All its lines :func:`thinned`, those of single runs too."""
+    """Apply :func:`thinned` to all its lines, those of single runs too."""
 
     def lines(of: Mapping[str, Line]) -> dict[str, Line]:
         return {name: thinned(line) for name, line in of.items()}
@@ -112,7 +112,7 @@ def thinned_group(group: CurveGroup) -> CurveGroup:
 
 
 def diagnostics(groups: Groups, named: Mapping[Key, Setting]) -> list[Diagnostics]:
-    """Of every run with metrics, in the order of settings."""
+    """Diagnostics of every run with metrics, in the order of settings."""
     found: dict[str, Diagnostics] = {}
     for key, setting in _as_trained_first(named):
         for run in _runs(groups, key):
@@ -163,7 +163,7 @@ def _ratio(rows: Sequence[dict[str, float]]) -> dict[str, float]:
 
 
 def _uneven(rows: Sequence[dict[str, float]]) -> dict[str, float]:
-    """How often Δr differs from 2 r^α: steps in which the rewards are not opposite, per ended game."""
+    """Steps with Δr ≠ 2 r^α per ended game: those in which the rewards are not opposite."""
     kept = _finite(rows, "reward/uneven_share")
     before = np.array([0, *(row["steps"] for row in kept)])
     games = sum(row["games"] for row in kept)
@@ -172,7 +172,7 @@ def _uneven(rows: Sequence[dict[str, float]]) -> dict[str, float]:
 
 
 def _theory(run: Run) -> tuple[dict[str, Line], dict[str, float], list[str]]:
-    """What :mod:`.theory.diagnostics` reads from the log: lines, facts, notes; KL in bits."""
+    """Results of :mod:`.theory.diagnostics` on the log: lines, facts, notes; KL in bits."""
     from apil_core.studies.theory.diagnostics import diagnose
 
     try:

@@ -1,4 +1,4 @@
-"""What a reader must know before believing a number, computed from the numbers."""
+"""Caveats that a reader needs for interpreting the numbers, computed from the numbers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _RARE = 0.01
 
 
 def setting_warnings(settings: Sequence[Setting], tables: Sequence[Table]) -> Iterator[Warning]:
-    """What concerns every number of a setting; once if it concerns them all."""
+    """Warnings about every number of a setting; once if they apply to all."""
     scored = {table.setting for table in tables}
     settings = [setting for setting in settings if setting.id in scored] or settings
     texts: dict[tuple[str, str], list[Setting]] = {}
@@ -79,7 +79,7 @@ def _measured(table: Table) -> list[Cell]:
 
 
 def tie_warnings(endings: Sequence[Endings], tables: Sequence[Table]) -> Iterator[Warning]:
-    """Scores of table 1 that are mostly ties, and what a tie is where the endings tell."""
+    """Scores of table 1 that are mostly ties, with the meaning of a tie where the endings show it."""
     seeing = {table.id for table in tables if table.number == 1}
     for each in endings:
         either = each.wins + each.ties
@@ -97,7 +97,7 @@ def tie_warnings(endings: Sequence[Endings], tables: Sequence[Table]) -> Iterato
 
 
 def tie_meaning(own: Endings, game: Sequence[Endings]) -> str:
-    """``"; a tie here means: keeper left goal"``, or the least share of ties that an ending must make up.
+    """``"; a tie here means: keeper left goal"``, or a lower bound on the share of ties with one ending.
 
     Counts tell endings and outcomes apart from each other only. An ending whose count is that of the ties in
     every score of the game is what a tie is. Else at least as many ties ended in one way as its count
@@ -120,7 +120,7 @@ def attack_warnings(
     panels: Sequence[CurvePanel],
     settings: Sequence[Setting],
 ) -> Iterator[Warning]:
-    """Adversaries that do no better than the baseline one, or than they did before they learnt."""
+    """Adversaries that do no better than the baseline, or than at the start of their training."""
     shares = {
         (table.id, each.game, each.column): each.win_or_tie.measured
         for table in tables
@@ -161,7 +161,7 @@ def attack_warnings(
 
 
 def _start(panels: Sequence[CurvePanel], setting: str, game: str, method: str) -> tuple[int, Rate] | None:
-    """Steps and win+tie at the first point of the curve: a policy that has hardly learnt."""
+    """Steps and win+tie at the first point of the curve, when the policy has hardly learnt."""
     for panel in panels:
         for group in panel.groups if (panel.setting, panel.game) == (setting, game) else ():
             first = group.lines.get(WIN_OR_TIE)
@@ -171,7 +171,7 @@ def _start(panels: Sequence[CurvePanel], setting: str, game: str, method: str) -
 
 
 def training_warnings(diagnostics: Sequence[Diagnostics]) -> Iterator[Warning]:
-    """Imitators that learnt nothing, and games in which Δr is no other objective than r^α."""
+    """Imitators that learnt nothing, and games in which Δr and r^α are the same objective."""
     cells: dict[tuple[str, str, str], list[Diagnostics]] = {}
     for each in diagnostics:
         cells.setdefault((each.setting, each.game, each.method), []).append(each)
@@ -200,7 +200,7 @@ def _times(values: Sequence[float]) -> str:
 def source_warnings(
     groups: Groups, named: Mapping[Key, Setting], unfinished: Sequence[Unfinished], tables: Sequence[Table]
 ) -> Iterator[Warning]:
-    """Cells that are missing, old or there twice; baselines that stand in for others."""
+    """Cells that are missing, outdated or duplicate; substitute baselines."""
     if unfinished:
         listed = ", ".join(f"{each.label} ({each.status})" for each in unfinished[:_LISTED])
         more = f" and {len(unfinished) - _LISTED} more" if len(unfinished) > _LISTED else ""
@@ -236,7 +236,7 @@ def source_warnings(
 
 
 def _changed_options(groups: Groups, named: Mapping[Key, Setting]) -> Iterator[Warning]:
-    """Methods that are not quite the published ones; a benchmark's axes and variants say so themselves."""
+    """Methods with options other than published; a benchmark's axes and variants are labelled already."""
     found: dict[tuple[str, str, str], dict[str, str]] = {}
     for place, members in groups.cells.items():
         if not place.key.variant:

@@ -1,4 +1,4 @@
-"""Numbers in words, the same in tables, warnings and on the page."""
+"""Number formats shared by tables, warnings and the page."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ def amount(steps: int) -> str:
 
 
 def percent(share: float) -> str:
-    """A fraction in per cent, to a tenth: ``29.0``."""
+    """Format a fraction in per cent with one decimal: ``29.0``."""
     return f"{100 * share:.1f}"
 
 
 def budget_mark(steps: int | None, published: int | None) -> str:
-    """``"1 M of 35 M = 2.9 %"``; empty where nothing is missing or nothing is known."""
+    """``"1 M of 35 M = 2.9 %"``; empty for the full budget or an unknown one."""
     if steps is None or published is None or steps >= published:
         return ""
     share = 100 * steps / published

@@ -1,1 +1,1 @@
-"""What the methods' theory says of a run (docs/theory.md)."""
+"""The methods' theory applied to runs (docs/theory.md)."""

@@ -1,4 +1,4 @@
-"""The Lemma's bound of a change of the victim's value (docs/theory.md). KL is in bits."""
+"""The Lemma's bound on a change of the victim's value (docs/theory.md). KL is in bits."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ PINSKER = math.sqrt(2 * math.log(2))
 
 
 def lemma_bound(largest_value: float, largest_kl: float, gamma: float) -> float:
-    """Lemma: how far the victim's value Γ can move when the adversary goes from π^α to π̃^α.
+    """Lemma: bound on the change of the victim's value Γ when the adversary changes from π^α to π̃^α.
 
     Rewards depend on the state alone.
 
@@ -25,5 +25,5 @@ def lemma_bound(largest_value: float, largest_kl: float, gamma: float) -> float:
 
 
 def informative_kl(gamma: float) -> float:
-    """The KL, bits, from which on the Lemma says no more than 2H, which holds without it."""
+    """The KL, in bits, above which the Lemma is no tighter than 2H, which holds without it."""
     return (2 * (1 - gamma) / (gamma * PINSKER)) ** 2

@@ -1,4 +1,4 @@
-"""What the Lemma says about a run: the KL between successive adversaries, and the bound it implies.
+"""The Lemma applied to a run: the KL between successive adversaries, and the bound it implies.
 
 A diagnostic, not a guarantee: the largest KL over all states is replaced by what was measured, and so is H.
 """
@@ -26,7 +26,7 @@ _RETURN = "return/victim"
 
 
 class Diagnostics(BaseModel):
-    """The Lemma's ingredients over a run's training, and what they come to. KL is in bits.
+    """The Lemma's quantities over a run's training, and the resulting bound. KL is in bits.
 
     Attributes:
         run: its directory.
@@ -59,7 +59,7 @@ class Diagnostics(BaseModel):
 
 
 def diagnose(run: RunDir, *, value_bound: float | None = None) -> Diagnostics:
-    """Read a run's log.
+    """Compute the diagnostics from a run's log.
 
     Args:
         run: its directory, finished or not.
@@ -100,7 +100,7 @@ def diagnose(run: RunDir, *, value_bound: float | None = None) -> Diagnostics:
 
 
 def _line(rows: Sequence[Mapping[str, float]], metric: str) -> Line:
-    """Nats to bits; rounding leaves -1e-9 where an update changed next to nothing."""
+    """Convert nats to bits; clip the -1e-9 that rounding leaves where an update changed next to nothing."""
     kept = [row for row in rows if math.isfinite(row.get(metric, math.nan))]
     bits = [max(row[metric], 0.0) / math.log(2) for row in kept]
     return Line(steps=[int(row["steps"]) for row in kept], value=bits)

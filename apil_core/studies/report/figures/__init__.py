@@ -1,1 +1,1 @@
-"""Figures of the page, one family per file. matplotlib is imported where a figure is drawn, not before."""
+"""Figures of the page, one family per file. matplotlib is imported when a figure is drawn, not before."""

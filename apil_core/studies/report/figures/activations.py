@@ -1,4 +1,4 @@
-"""The victim's activations: a t-SNE map, and how usual they are under the density of normal play."""
+"""Figures of the victim's activations: a t-SNE map, and log-likelihoods under normal play's density."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def activation_plots(maps: Sequence[ActivationMap], found: Mapping[str, Pen]) -> list[Plot]:
-    """For each game a map, and the log-likelihoods."""
+    """Make a t-SNE map and the log-likelihoods for each game."""
     return [plot for each in maps for plot in _plots(each, [pen_of(found, name) for name in each.opponents])]
 
 

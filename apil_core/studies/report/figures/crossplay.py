@@ -19,7 +19,7 @@ _LETTER = 0.07  # inches, of the labels' font
 
 
 def crossplay_maps(documents: Sequence[CrossPlay]) -> list[Plot]:
-    """One heat map for each game and measure."""
+    """Make one heat map for each game and measure."""
     return [_map(document, share) for document in documents for share in SHARES]
 
 
@@ -46,7 +46,7 @@ def _map(document: CrossPlay, share: Share) -> Plot:
 
 
 def setting_of(document: CrossPlay) -> str:
-    """In words: games, physics, action modes."""
+    """Describe the setting: games, physics, action modes."""
     first = document.played[0]
     games = sorted({score.episodes for score in document.played})
     facts = [f"{games[0]} games each" if len(games) == 1 else f"{games[0]} to {games[-1]} games each"]

@@ -1,4 +1,4 @@
-"""Curves over steps: of adversaries, of victims that are retrained, and what trainings logged."""
+"""Curves over steps: of adversaries, of retrained victims, and of logged training metrics."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _DECADES = 100.0  # of the largest by the least value, from which a logarithmic 
 def learning_curves(
     panels: Sequence[CurvePanel], found: Mapping[str, Pen], settings: Mapping[str, str]
 ) -> list[Plot]:
-    """One figure for each panel and measure that has data.
+    """Make one figure for each panel and measure that has data.
 
     Args:
         panels: games and settings.
@@ -92,7 +92,7 @@ def _shares(panel: CurvePanel) -> Iterable[float]:
 
 
 def retraining_curves(curves: Sequence[RetrainingCurve], found: Mapping[str, Pen]) -> list[Plot]:
-    """One figure for each retraining and measure: the victim's games against each opponent."""
+    """Make one figure for each retraining and measure: the victim's games against each opponent."""
     return [_retraining(curve, measure, found) for curve in curves for measure in _SHARES if curve.groups]
 
 
@@ -121,7 +121,7 @@ def _retraining(curve: RetrainingCurve, measure: str, found: Mapping[str, Pen]) 
 def diagnostic_plots(
     diagnostics: Sequence[Diagnostics], found: Mapping[str, Pen], settings: Mapping[str, str]
 ) -> list[Plot]:
-    """One figure for each game, setting and line: all methods and seeds in it."""
+    """Make one figure for each game, setting and metric, with all methods and seeds."""
     groups: dict[tuple[str, str, str], list[tuple[Diagnostics, Line]]] = {}
     for diagnostic in diagnostics:
         for name, line in diagnostic.lines.items():

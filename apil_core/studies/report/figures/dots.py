@@ -1,4 +1,4 @@
-"""Shares with their intervals as dots: aggregates over games, and ablations."""
+"""Dot plots of shares with their intervals: aggregates over games, and ablations."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def _aggregates(group: Sequence[Aggregate], found: Mapping[str, Pen], setting: s
 
 
 def ablation_dots(ablations: Sequence[Ablation], settings: Mapping[str, str]) -> list[Plot]:
-    """One figure for each ablation: a row for each value, circles for win, diamonds for win or tie."""
+    """Make one figure for each ablation: a row for each value, circles for win, diamonds for win or tie."""
     return [plot for ablation in ablations if (plot := _ablation(ablation, settings)) is not None]
 
 
@@ -77,7 +77,7 @@ def _ablation(ablation: Ablation, settings: Mapping[str, str]) -> Plot | None:
 
 
 def draw_rows(axis: Axes, names: Sequence[str], rows: Sequence[Sequence[tuple[Ends, Pen]]]) -> None:
-    """A row for each name with its shares in per cent, the first on top."""
+    """Draw a row for each name with its shares in per cent, the first on top."""
     for i, row in enumerate(rows):
         for ends, pen in row:
             whisker(axis, i, ends, pen, factor=100.0, level=True, markersize=7)

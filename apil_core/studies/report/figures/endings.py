@@ -1,4 +1,4 @@
-"""How games ended: who won, and by which rule of the game."""
+"""Figures of game endings: the winner, and the rule that ended the game."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _LETTERS = 62  # of a legend's font that fit side by side
 
 
 class Part(NamedTuple):
-    """One piece of every bar: name, counts for each column, colour and pattern."""
+    """One segment of every bar: name, counts for each column, colour and pattern."""
 
     name: str
     counts: Sequence[int]
@@ -41,7 +41,7 @@ class Part(NamedTuple):
 def ending_bars(
     endings: Sequence[Endings], scores: Mapping[str, str], settings: Mapping[str, str]
 ) -> list[Plot]:
-    """Two figures for each game of a table: by outcome and by cause, a bar for each column.
+    """Make two figures for each game of a table: by outcome and by cause, a bar for each column.
 
     Args:
         endings: those without games are left out.

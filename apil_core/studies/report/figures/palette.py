@@ -1,4 +1,4 @@
-"""Who has which colour on the page, in light and in dark.
+"""Colours of the page's figures, in light and dark mode.
 
 Figures are drawn once, in placeholder colours; in the page's SVG they become CSS variables, which the
 style sheet defines for both themes.
@@ -41,23 +41,23 @@ _NAMES = ("ink", "muted", "grid", "ground", *_COLOURS)
 
 
 def placeholder(name: str) -> str:
-    """The colour that is drawn where the page shall have the CSS variable of that name."""
+    """The placeholder colour to draw with; the page replaces it with the CSS variable of that name."""
     return f"#0b{_NAMES.index(name):02x}fe"
 
 
 def with_variables(style: str) -> str:
-    """``style`` of an SVG element with variables for placeholders, and for the grey of all charts."""
+    """Return an SVG element's ``style`` with variables for placeholders and for the grey of all charts."""
     named = re.sub(r"#0b([0-9a-f]{2})fe", lambda found: f"var(--{_NAMES[int(found[1], 16)]})", style)
     return named.replace(charts.GREY, "var(--line-baseline)")
 
 
 def variables() -> list[tuple[str, str, str]]:
-    """Name, light and dark value of every colour of figures, as CSS writes them."""
+    """Name, light and dark value of every colour of figures, in CSS syntax."""
     return [(name, web(colour), web(on_dark(colour))) for name, colour in _COLOURS.items()]
 
 
 def on_dark(colour: Colour) -> Colour:
-    """The same hue, legible on a dark ground and still apart from its neighbours; black turns white."""
+    """The same hue, legible on a dark background and distinct from its neighbours; black becomes white."""
     if max(colour) < 40:
         return 236, 238, 242
     red, green, blue = ((3 * channel + 255) // 4 for channel in colour)
@@ -71,7 +71,7 @@ _GREY = Pen(NEUTRAL, "--", "o")
 
 
 def pens(names: Iterable[str]) -> dict[str, Pen]:
-    """A pen for each name in that order; the baseline is grey, whatever its place."""
+    """A pen for each name in that order; the baseline is grey, whatever its index."""
     methods = [name for name in dict.fromkeys(names) if name != BASELINE]
     drawn = charts.pens(len(methods), [placeholder(f"line-{i}") for i in range(len(colours.LINES))])
     return {BASELINE: _GREY, **dict(zip(methods, drawn, strict=True))}

@@ -1,4 +1,4 @@
-"""A figure as the page shows it: inline SVG in the page's colours, with its words."""
+"""A figure as the page shows it: inline SVG in the page's colours, with its texts."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _FAMILY = re.compile(r"(?<=px) '[^;]*|font-family: [^;]*; ")
 
 @dataclass(frozen=True)
 class Plot:
-    """A figure with its words.
+    """A figure with its texts.
 
     Attributes:
         draw: draws it on axes, in colours of :mod:`.palette`.
@@ -70,7 +70,7 @@ class Plot:
     height: float = 2.7
 
     def svg(self, key: str) -> Markup:
-        """The figure for HTML; ``key`` tells its ids from those of the page's other figures."""
+        """The SVG for HTML; ``key`` distinguishes its ids from those of the page's other figures."""
         from markupsafe import Markup
         from matplotlib import style
         from matplotlib.figure import Figure
@@ -86,7 +86,7 @@ class Plot:
 
 
 def _inline(text: str) -> str:
-    """SVG as it stands in a page: with CSS variables and short numbers, without size, ids and metadata."""
+    """SVG for inlining: with CSS variables and short numbers, without size, ids and metadata."""
     root = ElementTree.fromstring(text)
     for part in ({f"{_SVG}metadata"}, {f"{_SVG}style"}):
         for parent in list(root.iter()):
@@ -117,13 +117,13 @@ def _attributes(found: dict[str, str], linked: set[str]) -> Iterator[tuple[str, 
 
 
 def _short(numbers: str) -> str:
-    """With a digit behind the point: the page has 1.3 pixels to a unit."""
+    """Round to one decimal: the page has 1.3 pixels to a unit."""
     rounded = re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):.1f}".removesuffix(".0"), numbers)
     return re.sub(r"\s*([MLQCz])\s*", r"\1", rounded.replace("\n", " ")).strip()
 
 
 def level(axis: Axes, value: float, words: str) -> None:
-    """A dashed line across a figure, with its words; left out where the axis does not reach."""
+    """Draw a labelled dashed line across a figure; skip it outside the axis's range."""
     axis.axhline(value, color=NEUTRAL, linestyle="--", linewidth=1.2, zorder=1)
     axis.text(
         *(0.01, value, words),
@@ -137,15 +137,15 @@ def level(axis: Axes, value: float, words: str) -> None:
 
 
 def short(name: str) -> str:
-    """A name as a label of an axis, at most 24 letters: the tables have it whole."""
+    """Shorten a name to at most 24 letters for an axis; the tables show it in full."""
     return visible(name if len(name) <= 24 else f"{name[:23]}…")
 
 
 def scale_top(highest: float) -> float:
-    """End of an axis of per cents that starts at nought: a round number with room above the highest."""
+    """End of an axis of per cents that starts at 0: a round number with a margin above the highest value."""
     return min(102.0, 10.0 * math.ceil((highest + 2) / 10))
 
 
 def listing(pairs: Sequence[tuple[str, str]]) -> str:
-    """``apil 31.0 %, e_apil 33.1 %``, for alternative texts."""
+    """Format shares for alternative texts: ``apil 31.0 %, e_apil 33.1 %``."""
     return ", ".join(f"{name} {value}" for name, value in pairs)
