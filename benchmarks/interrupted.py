@@ -1,4 +1,4 @@
-"""A benchmark interrupted again and again at random, and compared with one that was left in peace.
+"""Compare a benchmark that is interrupted repeatedly at random with an uninterrupted one.
 
     python benchmarks/interrupted.py smoke --out /tmp/interrupted --seed 0
 
@@ -67,7 +67,7 @@ def _start(matrix: str, out: Path, workers: int) -> subprocess.Popen[bytes]:
 
 
 def _disturb(matrix: str, out: Path, workers: int, moment: int, total: int, blow: signal.Signals) -> None:
-    """Start or go on, and stop it once there are so many rows in all logs together."""
+    """Start or resume, and stop it once all logs together have that many rows."""
     scheduler = _start(matrix, out, workers)
     while scheduler.poll() is None and _rows(BenchDir(out)) < moment:
         time.sleep(0.05)
@@ -83,12 +83,12 @@ def _disturb(matrix: str, out: Path, workers: int, moment: int, total: int, blow
 
 
 def _rows(bench: BenchDir) -> int:
-    """Lines in the logs of all cells together."""
+    """Number of rows in the logs of all cells together."""
     return sum(path.read_text().count("\n") for path in bench.path.glob("cells/*/*/*/metrics.jsonl"))
 
 
 def _compare(one: BenchDir, other: BenchDir) -> int:
-    """Print how two benchmarks differ; returns how many of their cells do, at most 1."""
+    """Print how two benchmarks differ; return 1 if they do, else 0."""
     cells = {cell.name: cell for cell in one.cells()}
     same_cells = [cell.name for cell in other.cells()] == list(cells)
     print(f"cells: {len(cells)}, {'the same' if same_cells else 'NOT the same'}")
@@ -109,7 +109,7 @@ def _compare(one: BenchDir, other: BenchDir) -> int:
 
 
 def _learnt(bench: BenchDir, name: str) -> dict[str, Any]:
-    """What a cell came to, timings aside."""
+    """Result of a cell, without timings."""
     run = bench.cell(name)
     rows = [{k: v for k, v in row.items() if k not in TIMINGS} for row in read_metrics(run.metrics_path)]
     scores = {}
@@ -121,7 +121,7 @@ def _learnt(bench: BenchDir, name: str) -> dict[str, Any]:
 
 
 def _weights(run: Any) -> dict[str, Any]:
-    """All numbers of the last checkpoint, times aside, in a form that can be compared."""
+    """All numbers of the last checkpoint, without times, in a form that can be compared."""
     from apil_core.training.storage import checkpoint
 
     if not run.checkpoints():

@@ -1,4 +1,4 @@
-"""How fast each physics setting is, beside ``faithful``: the rows that ``docs/make_frontier.py`` reads.
+"""Speed of each physics setting relative to ``faithful``: the rows that ``docs/make_frontier.py`` reads.
 
 The published agents play each other under every setting, in turns of ``--steps`` vectorised steps. Each
 turn's physics is done again at once and timed alone, so a busy machine slows all settings alike. Restarts
@@ -54,7 +54,7 @@ class Contestant:
         self._play(WARM_UP)
 
     def turn(self, steps: int) -> float:
-        """Environment steps per second of the physics alone in so many further steps."""
+        """Environment steps per second of the physics alone over that many further steps."""
         self._watch.record()
         self._play(steps)
         self._watch.stop()
@@ -67,7 +67,7 @@ class Contestant:
 
 
 def _pairing(env: str, options: dict[str, Any], num_envs: int, threads: int) -> Pairing:
-    """The first of the game's published pairings there are weights for."""
+    """The first of the game's published pairings with available weights."""
     missing = f"{env} has no published pairing"
     for matchup in default_plugins().game(env).matchups:
         try:
@@ -85,7 +85,7 @@ def _pairing(env: str, options: dict[str, Any], num_envs: int, threads: int) -> 
 
 
 def measure(env: str, settings: list[dict[str, Any]], arguments: argparse.Namespace) -> list[dict[str, Any]]:
-    """One row per setting, ratios paired with faithful's turn of the same round."""
+    """Measure one row per setting; ratios are paired with faithful's measurement in the same round."""
     with ExitStack() as stack, one_torch_thread():
         options: list[dict[str, Any]] = [{"physics": "faithful"}, *settings]
         contestants = [Contestant(env, each, arguments.num_envs, arguments.threads) for each in options]

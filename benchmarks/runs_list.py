@@ -19,13 +19,13 @@ SMALL = ("--env", "toy-pursuit", "--method", "e_apil", "--steps", "2k", "--num-e
 
 
 def apil(*words: str | Path) -> None:
-    """Run the command line in a process of its own, its output thrown away."""
+    """Run the command line in a subprocess; discard its output."""
     command = [sys.executable, "-P", "-m", "apil_core.cli", *map(str, words)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
 
 def copies(made: Path, root: Path, count: int, *, with_json: bool) -> None:
-    """``count`` directories with the small files of the run ``made``, their seeds told apart."""
+    """Make ``count`` directories with the small files of the run ``made``, each with its own seed."""
     from apil_core.config.layers import write_copy
 
     config = (made / "config.yaml").read_text()

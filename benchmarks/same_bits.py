@@ -27,7 +27,7 @@ QUIET = "--quiet"
 
 
 def apil(*words: str | Path) -> None:
-    """Run the command line as a user would; its own process, so that nothing is left over."""
+    """Run the command line in a subprocess, so that no state is left over."""
     command = [Path(sys.executable).with_name("apil"), *map(str, words)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
@@ -48,7 +48,7 @@ def leaves(value: Any, name: str = "") -> Iterator[tuple[str, bytes]]:
 
 
 def report(label: str, folder: Path) -> None:
-    """One line: the hash of the newest checkpoint under the folder."""
+    """Print one line: the hash of the newest checkpoint in the folder."""
     newest = max(folder.rglob("*.pt"), key=lambda path: path.stat().st_mtime)
     digest = hashlib.sha256()
     for name, data in leaves(torch.load(newest, weights_only=True)):
@@ -57,7 +57,7 @@ def report(label: str, folder: Path) -> None:
 
 
 def main(root: Path) -> None:
-    """Make everything in an empty directory and print the hashes."""
+    """Run all trainings in an empty directory and print the hashes."""
     for game, (num_envs, num_steps) in GAMES.items():
         for method in ("adrl", "apl", "apil", "e_apil"):
             out = root / f"{game}-{method}"

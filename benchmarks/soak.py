@@ -1,4 +1,4 @@
-"""A long training run watched: its speed, its memory and its files, and what they come to over a whole run.
+"""Long-run test: record speed, memory and file sizes of a training, and extrapolate to a whole run.
 
     python benchmarks/soak.py --out /tmp/soak --game '{"physics": "fast"}' --json soak.json
 
@@ -34,7 +34,7 @@ LEAST_POINTS = 10
 
 @dataclass(frozen=True)
 class Point:
-    """How things were after an iteration.
+    """Measurements after an iteration.
 
     Attributes:
         steps: environment steps so far.
@@ -52,7 +52,7 @@ class Point:
 
 
 class Watcher(Progress):
-    """Takes a point after every iteration, and prints one line for each."""
+    """Records a point after every iteration, and prints one line for each."""
 
     def __init__(self) -> None:
         self.points: list[Point] = []
@@ -76,7 +76,7 @@ class Watcher(Progress):
 
 
 def _size(path: Path) -> int:
-    """Bytes of a file, or of all below a folder."""
+    """Bytes of a file, or of all files in a folder."""
     files = path.rglob("*") if path.is_dir() else [path]
     return sum(file.stat().st_size for file in files if file.is_file())
 
@@ -91,8 +91,10 @@ class Trend:
 
 
 def trend(steps: Sequence[float], values: Sequence[float]) -> Trend:
-    """Least squares. Neighbouring points depend on each other (memory grows in jumps): hence the interval is
-    Newey and West's, for errors that are correlated over a tenth of the points."""
+    """Fit by least squares, with the interval of Newey and West for autocorrelated errors.
+
+    Memory grows in jumps, so errors are taken as correlated over a tenth of the points.
+    """
     from statsmodels.api import OLS, add_constant
 
     x = add_constant(np.asarray(steps, float) / MILLION)
@@ -104,7 +106,7 @@ def trend(steps: Sequence[float], values: Sequence[float]) -> Trend:
 
 @dataclass(frozen=True)
 class Report:
-    """What the points say; the warm-up is left out of rates and trends.
+    """Summary of the points; rates and trends exclude the warm-up.
 
     Attributes:
         steps: of the run.
@@ -132,7 +134,7 @@ class Report:
 
 
 def report(points: Sequence[Point], warm_up: float) -> Report:
-    """Sum up.
+    """Make the summary.
 
     Args:
         points: of all iterations.
@@ -169,13 +171,13 @@ def _rate(begin: Point, end: Point) -> float:
 
 
 def _marks(points: Sequence[Point]) -> list[Point]:
-    """Ends of up to ten parts with about as many points each."""
+    """End indices of up to ten parts with about as many points each."""
     count = min(10, len(points) - 1)
     return [points[i * (len(points) - 1) // count] for i in range(count + 1)]
 
 
 def verdict(result: Report, allowed_mb: float) -> str:
-    """For people; memory is called flat if a whole run would not add ``allowed_mb`` to it."""
+    """Format for the terminal; memory is called flat if a whole run would not add ``allowed_mb`` to it."""
     memory = result.memory_trend
     flat = "flat" if result.growth_mb <= allowed_mb else "IT GROWS"
     slow, fast = min(result.tenths), max(result.tenths)
@@ -206,7 +208,7 @@ def main() -> None:
 
 
 def _config(arguments: argparse.Namespace) -> RunConfig:
-    """A default run but for the arguments; never scored, since an evaluation's games are no training."""
+    """A default run, changed by the arguments; without evaluation, whose games are no training."""
     ppo = {"num_steps": arguments.num_steps} if arguments.num_steps else {}
     return RunConfig(
         method=arguments.method,

@@ -68,8 +68,8 @@ def complain(message: str, code: int) -> int:
 def _in_turn() -> str:
     """Return the prefix of this process's messages; wait first unless it is the first process.
 
-    Most mistakes strike all alike; torchrun ends the others as soon as one has failed, so that what
-    the first one says stands there once.
+    Most errors occur in all processes; torchrun ends the others as soon as one has failed, so the wait
+    leaves one message, the first process's.
     """
     try:
         rank = World.here().rank

@@ -25,7 +25,7 @@ class Check:
 
     @property
     def address(self) -> str:
-        """URL of its section; the anchor is GitHub's."""
+        """Page and anchor of its section, with GitHub's anchor."""
         kept = re.sub(r"[^\w\- ]", "", self.title.lower())
         return f"testing.md#{kept.replace(' ', '-')}"
 
@@ -89,7 +89,7 @@ _CORE_HOOKS = tuple(
 
 
 def hook_address(hook: str) -> str:
-    """URL of a hook's documentation."""
+    """Page and anchor of a hook's documentation."""
     return f"hooks.md#{hook}" if hook in _CORE_HOOKS else "hooks.md#hooks-of-your-own"
 
 
@@ -120,7 +120,7 @@ def hook_in(message: str) -> str | None:
 
 @contextmanager
 def reported_as(who: str, check: Check) -> Iterator[None]:
-    """Turn any exception into a failed check; a hook's mistake gets the URL of its documentation.
+    """Turn any exception into a failed check; a hook's mistake gets the address of its documentation.
 
     Raises:
         ContractError: anything was raised.

@@ -44,14 +44,14 @@ class Follower(Method):
 
     @hookimpl
     def update_auxiliary(self, run: Run, rollout: Rollout) -> dict[str, float]:
-        """Check the rollout it receives."""
+        """Store the names of the rollout's groups; return a metric."""
         self.seen_groups = frozenset(rollout.groups)
         return {METRIC: 1.0}
 
 
 @hookimpl
 def filter_observation(context: Context, side: int, obs: Tensor) -> Tensor:
-    """Shrink both sides' observations by one part in a hundred, (n, o)."""
+    """Add noise of standard deviation 0.01 to both sides' observations, (n, o)."""
     return obs + 0.01 * torch.randn(
         obs.shape, generator=context.generator, device=obs.device, dtype=obs.dtype
     )

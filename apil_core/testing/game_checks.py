@@ -57,7 +57,7 @@ def save(trial: Trial) -> None:
 
 
 def reset(trial: Trial) -> None:
-    """Check a reset of half of the rows."""
+    """Check that a reset of half of the rows changes these only."""
     with trial.game() as game:
         Play(game).run(3)
         before = snapshot(game)
@@ -102,7 +102,7 @@ def _disturbed(step: GameStep, full: GameStep, active: Array) -> str | None:
 
 
 def ended(trial: Trial) -> None:
-    """Check that ended games stay ended until a reset."""
+    """Check that ended games neither end again nor give rewards until they are reset."""
     with trial.game() as game:
         play = Play(game)
         over = np.zeros(GAMES, bool)
@@ -120,7 +120,7 @@ def ended(trial: Trial) -> None:
 
 
 def bounds(trial: Trial) -> None:
-    """Check actions far out of bounds, and at the bounds."""
+    """Check that actions out of bounds are clipped to the bounds."""
     with trial.game(seed=5) as wild, trial.game(seed=5) as tame:
         play = Play(wild)
         for _ in range(3):
@@ -161,7 +161,7 @@ def buffers(trial: Trial) -> None:
 
 
 def first(trial: Trial) -> None:
-    """Check that the first reset is not required to be asked for."""
+    """Check that a step before the first reset raises an ApilError that names ``reset``."""
     with trial.game(1, seed=None) as game:
         try:
             game.step(Play(game).actions())

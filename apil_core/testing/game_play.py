@@ -83,7 +83,7 @@ class Play:
 
 
 def parts(step: GameStep) -> dict[str, Array]:
-    """A step's arrays by name, without ``lengths``, which depend on the clock."""
+    """A step's arrays by name, without ``lengths``."""
     names = ("sparse", "dense", "shaping", "done", "winner", "cause")
     return {name: getattr(step, name) for name in names}
 

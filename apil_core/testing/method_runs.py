@@ -156,7 +156,7 @@ def check_sizes(tested: MethodUnderTest, folder: Path) -> None:
 
 
 def check_companions(tested: MethodUnderTest, out: Path) -> None:
-    """Required by a method that answers everything, with an observer that blurs what both sides see."""
+    """Check with a dependent method that implements every hook, and an observer of both sides."""
     companions.beside(tested.registry, tested.spec)
     changes = {
         "method": companions.FOLLOWER,

@@ -136,7 +136,7 @@ def _sections(name: str, model: type[BaseModel]) -> Iterator[tuple[str, type[Bas
 
 
 def check_marks(tested: MethodUnderTest, method: Method, manager: RunHookManager) -> None:
-    """Check for functions named like a hook but not marked, and for hooks of another module."""
+    """Check for unmarked functions named like a hook, and for hooks that belong to the module."""
     name, hooks = type(method).__name__, manager.manager
     for hook in unmarked(hooks, type(method)):
         text = f"{name}.{hook} is named like a hook but not marked with @hookimpl: nobody would call it"
@@ -148,6 +148,6 @@ def check_marks(tested: MethodUnderTest, method: Method, manager: RunHookManager
 
 
 def check_answers(tested: MethodUnderTest, manager: RunHookManager) -> None:
-    """Check for hooks that can never be called."""
+    """Check for hooks that should return a value but cannot."""
     for line in forgotten(manager.manager, tested.spec.name):
         raise tested.broken("answers", line, hook_in(line))

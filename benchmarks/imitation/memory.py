@@ -1,4 +1,4 @@
-"""What memory gains: an LSTM and an MLP trained by maximum likelihood on the same recorded games.
+"""Compare an LSTM and an MLP imitator, trained by maximum likelihood on the same recorded games.
 
     python benchmarks/imitation/memory.py RECORDING
 

@@ -1,4 +1,4 @@
-"""How fast imitators learn on recorded games of a victim: the study behind docs/methods.md §2.
+"""Learning speed of imitators on recorded games of a victim: the study behind docs/methods.md §2.
 
     APIL_RECORDING=games apil run --method adrl --env ENV --plugin benchmarks/imitation/recorder.py \\
         --set 'observers=[recorder]' ...
@@ -88,12 +88,12 @@ def table(found: dict[str, list[dict[str, float]]]) -> list[str]:
 
 
 def mean(rows: list[dict[str, float]], key: str) -> float:
-    """Over the last five of ``rows``: single rollouts do not tell."""
+    """Mean over the last five of ``rows``, since single rollouts are noisy."""
     return sum(row[key] for row in rows[-5:]) / len(rows[-5:])
 
 
 def imitate(config: RunConfig, files: list[Path]) -> list[dict[str, float]]:
-    """APIL's own classes on recorded rollouts; metrics per rollout, before it is learnt from."""
+    """Train APIL's own classes on recorded rollouts; return metrics per rollout, before learning from it."""
     plugins = default_plugins()
     torch.manual_seed(config.seed)
     game = make_game(config.env, num_envs=1, options=config.game, plugins=plugins)
@@ -126,7 +126,7 @@ def update(apil: Any, run: Run, rollout: Rollout) -> dict[str, float]:
 
 
 def recorded(data: dict[str, torch.Tensor]) -> Rollout:
-    """A rollout with what imitators read; the rest is empty."""
+    """Make a rollout with the fields that imitators read; the rest is empty."""
     shape = data["done"].shape
     nothing = torch.zeros(*shape, 0)
     fields = dict.fromkeys(Rollout.__dataclass_fields__, nothing) | {"groups": {}, "next_groups": {}}

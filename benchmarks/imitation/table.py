@@ -1,4 +1,4 @@
-"""What trained imitators came to: one row a run, from its last five iterations and its final score.
+"""Final metrics of trained imitators: one row a run, from its last five iterations and its final score.
 
 python benchmarks/imitation/table.py RUN... --out docs/results/imitation/runs.json   # reads runs, prints rows
 python benchmarks/imitation/table.py docs/results/imitation/runs.json               # prints the rows again
@@ -47,7 +47,7 @@ def summary(path: Path) -> dict[str, Any]:
 
 
 def row(found: dict[str, Any]) -> str:
-    """One line of the table."""
+    """Format one row of the table."""
     win = found["win"]
     won = f"{100 * win['value']:.1f} [{100 * win['low']:.1f}, {100 * win['high']:.1f}]" if win else "–"
     beta = "–" if found["beta"] is None else f"{found['beta']:g}"

@@ -1,11 +1,11 @@
-"""Which settings of PPO get there sooner: the study behind docs/learner.md.
+"""Compare PPO settings by learning speed: the study behind docs/learner.md.
 
     python benchmarks/learner/learner_study.py run RUNS --variant efficient white --seeds 0 1
     python benchmarks/learner/learner_study.py table RUNS --out docs/results/learner/runs.json
     python benchmarks/learner/learner_study.py table docs/results/learner/runs.json
 
-Runs lie in RUNS/GAME/METHOD-VARIANT-sSEED; finished ones are kept, half ones are gone on with. A run is one
-process of one thread, as many at a time as --workers says.
+Runs lie in RUNS/GAME/METHOD-VARIANT-sSEED; finished ones are kept, unfinished ones are resumed. A run
+is one process with one thread; --workers run in parallel.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ HEAD = (
 
 
 def train(arguments: argparse.Namespace) -> None:
-    """Start or go on with every run asked for."""
+    """Start or resume every requested run."""
     variants = YAML(typ="safe").load(VARIANTS)
     jobs = product(arguments.seeds, arguments.env, arguments.method, arguments.variant)
 
@@ -62,7 +62,7 @@ def train(arguments: argparse.Namespace) -> None:
 
 
 def summary(path: Path) -> dict[str, Any] | None:
-    """What a run came to, or ``None`` before its first thousand games."""
+    """Summarise a run; ``None`` before its first thousand games."""
     rows = [row for row in read_metrics(path / "metrics.jsonl") if row["window_games"] >= 1000]
     if not rows:
         return None
@@ -84,13 +84,13 @@ def summary(path: Path) -> dict[str, Any] | None:
 
 
 def _wins(rows: list[dict[str, float]], steps: float) -> float:
-    """Share of the last thousand training games that were won when so many steps had been made."""
+    """Share of the last thousand training games that were won, at that number of steps."""
     before = [row for row in rows if row["steps"] <= 1.01 * steps] or rows[:1]
     return before[-1]["window_wins"] / before[-1]["window_games"]
 
 
 def row(found: dict[str, Any]) -> str:
-    """One line of the table."""
+    """Format one row of the table."""
     wins = [f"{100 * found['wins'][f'{m:.0f}']:.0f}" if f"{m:.0f}" in found["wins"] else "" for m in MARKS]
     above = "" if found["above"] is None else f"{found['above'] / 1e6:.2f} M"
     score = found["score"]
@@ -103,7 +103,7 @@ def row(found: dict[str, Any]) -> str:
 
 
 def table(arguments: argparse.Namespace) -> None:
-    """Print the rows, and keep them if asked to."""
+    """Print the rows, and save them if requested."""
     if arguments.source.suffix == ".json":
         found = json.loads(arguments.source.read_text())
     else:

@@ -1,4 +1,4 @@
-"""Alternating measured blocks, and what they add up to."""
+"""Alternating measured blocks, and their summary."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from task import Contestant
 
 @dataclass(frozen=True)
 class Block:
-    """One contestant's turn.
+    """One measurement of one framework.
 
     Attributes:
         contestant: its name.
@@ -39,7 +39,7 @@ def measure(
     least: float,
     tell: Callable[[Block], None],
 ) -> list[Block]:
-    """Rounds of blocks until the time is up, two at least.
+    """Measure rounds of blocks until the time is up, two at least.
 
     Args:
         contestants: warmed up.
@@ -83,7 +83,7 @@ def _physics_rate(physics: PurePhysics | None, least: float) -> float | None:
 
 @dataclass(frozen=True)
 class Spread:
-    """Of the values of all rounds."""
+    """Median and range of the values of all rounds."""
 
     median: float
     low: float
@@ -97,7 +97,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class Standing:
-    """How one contestant did.
+    """The result of one framework.
 
     Attributes:
         rate: environment steps per second.
@@ -115,13 +115,13 @@ class Standing:
 
 
 def standings(blocks: Sequence[Block]) -> list[Standing]:
-    """One for each contestant, in order; the fastest of Stable-Baselines3's vectorisations stands for it."""
+    """Results in order; Stable-Baselines3 is represented by the fastest of its vectorisations."""
     reference = sb3_reference(blocks)
     return [_standing(name, blocks, reference) for name in dict.fromkeys(b.contestant for b in blocks)]
 
 
 def sb3_reference(blocks: Sequence[Block]) -> str | None:
-    """The contestant with the highest median among Stable-Baselines3's."""
+    """Name of the Stable-Baselines3 variant with the highest median."""
     names = {block.contestant for block in blocks if block.contestant.startswith("sb3 ")}
     return max(sorted(names), key=lambda name: statistics.median(_rates(blocks, name).values()), default=None)
 
@@ -144,25 +144,25 @@ def _rates(blocks: Sequence[Block], name: str) -> dict[int, float]:
 
 
 def _shares(blocks: Sequence[Block], name: str) -> dict[int, float]:
-    """Of the physics beside it, by round."""
+    """Fraction of the physics' rate measured beside it, by round."""
     own = [block for block in blocks if block.contestant == name]
     return {block.turn: block.rate / block.physics for block in own if block.physics is not None}
 
 
 def _quotient(ours: Mapping[int, float], theirs: Mapping[int, float]) -> Spread | None:
-    """Round by round."""
+    """Divide round by round."""
     values = [value / theirs[turn] for turn, value in ours.items() if turn in theirs]
     return Spread.of(values) if values else None
 
 
 def physics_rate(blocks: Sequence[Block]) -> Spread | None:
-    """Steps per second of the physics beside the blocks."""
+    """Steps per second of the physics measured beside the blocks."""
     rates = [block.physics for block in blocks if block.physics is not None]
     return Spread.of(rates) if rates else None
 
 
 def table(blocks: Sequence[Block]) -> str:
-    """For people."""
+    """Format a table for the terminal."""
     return "\n".join(_lines(blocks))
 
 
@@ -187,7 +187,7 @@ def _shown(spread: Spread | None, form: str) -> str:
 
 
 def as_json(blocks: Sequence[Block]) -> dict[str, Any]:
-    """For programs."""
+    """Convert to JSON data."""
     physics = physics_rate(blocks)
     return {
         "physics": physics and asdict(physics),

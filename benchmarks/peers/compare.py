@@ -1,4 +1,4 @@
-"""Steps per second of training: this framework beside Stable-Baselines3 and rsl_rl, in one process.
+"""Steps per second of training: this framework, Stable-Baselines3 and rsl_rl, in one process.
 
     python benchmarks/peers/compare.py --env kick-and-defend --physics faithful --json peers.json
 

@@ -9,7 +9,7 @@ from apil_core.training.trainer import Trainer
 
 
 class Ours:
-    """Whole iterations of a method as ``apil run`` makes them, without recorders and checkpoints."""
+    """Whole iterations of a method as in ``apil run``, without recorders and checkpoints."""
 
     torch_threads = 1  # as in a run
 

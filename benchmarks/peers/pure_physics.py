@@ -1,4 +1,4 @@
-"""What all contestants have in common: the game's physics, alone."""
+"""The work all frameworks share: the game's physics, alone."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class PurePhysics:
         self._stopwatch.replay()
 
     def timed(self) -> tuple[int, float]:
-        """Environment steps that the calls make, and seconds they take."""
+        """Number of environment steps of the calls, and their seconds."""
         return self._steps, self._stopwatch.replay()
 
     def close(self) -> None:

@@ -13,7 +13,7 @@ from apil_core.api.config import PPOConfig
 
 
 def runner_config(ppo: PPOConfig, groups: list[str]) -> dict[str, Any]:
-    """ADRL's settings in rsl_rl's words; Adam's epsilon and the initial weights cannot be set there."""
+    """ADRL's settings in rsl_rl's format; Adam's epsilon and the initial weights cannot be set there."""
     network = {"class_name": "MLPModel", "hidden_dims": list(ppo.hidden), "activation": "tanh"}
     spread = {"class_name": "GaussianDistribution", "init_std": ppo.init_std, "std_type": "log"}
     return {

@@ -24,7 +24,7 @@ def make_env_of_worker(task: Task) -> gymnasium.Env[Any, Any]:
 
 
 def vec_env(task: Task, text: str) -> VecEnv:
-    """Games stepped in turn in this process, or each in its own.
+    """Make the games, stepped in turn in this process or each in its own.
 
     Args:
         text: ``dummy:N`` or ``subproc:N``, for N games.
@@ -75,7 +75,7 @@ class StableBaselines:
         )
 
     def warm_up(self) -> None:
-        """Start the workers and play a little; a whole rollout would take a minute."""
+        """Start the workers and play a few steps; a whole rollout would take a minute."""
         self._envs.reset()
         for _ in range(10):
             self._envs.step(self._actions())

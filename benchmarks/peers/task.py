@@ -1,4 +1,4 @@
-"""What all contestants do: PPO against one victim, with the same settings."""
+"""The common task: PPO against one victim, with the same settings."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Task:
     seed: int = 0
 
     def config(self, method: str) -> RunConfig:
-        """The run that trains ``method``; PPO's settings are the defaults, for all contestants."""
+        """Configuration of a run of ``method``; PPO's settings are the defaults, for all frameworks."""
         return RunConfig(
             method=method,
             env=self.env,
@@ -50,11 +50,11 @@ class Task:
         )
 
     def attack(self, method: str) -> RunParts:
-        """Its parts."""
+        """Build the parts of the run."""
         return build(self.config(method), default_plugins())
 
     def steps_each(self, games: int) -> int:
-        """Steps of each of so many games in a batch.
+        """Steps per game and iteration, for that number of parallel games.
 
         Raises:
             ConfigError: the batch is no multiple of them.
@@ -65,22 +65,22 @@ class Task:
 
 
 def victim_of(env: str) -> str:
-    """The game's default victim, by name."""
+    """Load the game's default victim, by name."""
     plugins = default_plugins()
     return default_victim(game_spec(env, plugins), plugins)
 
 
 class Contestant(Protocol):
-    """Somebody who trains, one iteration at a time."""
+    """A framework that trains one iteration at a time."""
 
     name: str
     torch_threads: int
 
     def warm_up(self) -> None:
-        """Whatever happens only once."""
+        """Do the work that is done only once."""
 
     def iterate(self) -> int:
-        """Collect a batch and learn from it; returns its environment steps."""
+        """Collect a batch and train on it; return its environment steps."""
 
     def close(self) -> None:
-        """Give back games and processes."""
+        """Close games and processes."""

@@ -1,1 +1,1 @@
-"""How fast all is beside the physics alone: ``python -m benchmarks.speed``; see docs/benchmarking.md."""
+"""Speed of every level relative to physics alone: ``python -m benchmarks.speed``; docs/benchmarking.md."""

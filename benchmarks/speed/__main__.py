@@ -104,7 +104,7 @@ def _check_out(out: Path, force: bool) -> None:
 
 
 def _announcement(cells: Sequence[CellPlan]) -> str:
-    """What is going to be measured, and about how long that takes."""
+    """Describe the planned measurements and their duration."""
     first = cells[0]
     config = first.any_config
     seconds = sum(cell.seconds for cell in cells)
@@ -117,7 +117,7 @@ def _announcement(cells: Sequence[CellPlan]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; mistakes are one line each on stderr, and the exit code says so."""
+    """Run the command; errors are one line each on stderr, with a non-zero exit code."""
     try:
         return app(arguments)
     except ApilError as error:

@@ -1,4 +1,4 @@
-"""The measured blocks of one setting, and what they come to."""
+"""The measured blocks of one setting, and their summary."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Block:
 
 @dataclass
 class Lap:
-    """What a method's training did in a round besides its blocks.
+    """Work of a method's training in a round, outside its blocks.
 
     Attributes:
         seconds: of the whole iteration.
@@ -44,7 +44,7 @@ class Lap:
 
 @dataclass
 class Blocks:
-    """All of one setting's.
+    """All blocks of one setting.
 
     Attributes:
         setting: what is stepped.
@@ -60,7 +60,7 @@ class Blocks:
     memory: dict[Key, float] = field(default_factory=dict)
 
     def add(self, method: str, levels: Mapping[Level, tuple[float, float]], base: float, lap: Lap) -> None:
-        """One more block of each level.
+        """Add one more block of each level.
 
         Args:
             method: whose games they were in.
@@ -75,13 +75,13 @@ class Blocks:
         self.laps[method].append(lap)
 
     def rows(self) -> list[SpeedRow]:
-        """One for each level and method: the base, and what is to be reported."""
+        """Rows for each level and method: the base, and the levels to report."""
         wanted = {self.base, *self.levels}
         keys = sorted((key for key in self.blocks if key[0] in wanted), key=lambda key: LEVELS.index(key[0]))
         return [self._row(key, self.blocks[key]) for key in keys]
 
     def hooks(self) -> list[HookCost]:
-        """One for each method."""
+        """Hook costs, one for each method."""
         return [
             HookCost(
                 **self.setting.model_dump(),

@@ -1,4 +1,4 @@
-"""A run's hook manager that times its own work."""
+"""A hook manager that times its own overhead."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ Caller = Callable[..., Any]
 
 
 class Tape:
-    """Keeps an iteration's rollout, so that its games can be played again."""
+    """Keeps an iteration's rollout, so that its games can be replayed."""
 
     rollout: Rollout
 
     @hookimpl
     def update_auxiliary(self, rollout: Rollout) -> None:
-        """The rollout is whole here, and its buffers are not reused before the next iteration."""
+        """Store the rollout, which is complete here; its buffers are not reused before the next iteration."""
         self.rollout = rollout
 
 
 class TimedHooks(RunHookManager):
-    """The real thing, plus a clock that runs between a hook's caller and the implementations it reaches.
+    """The real hook manager, with a clock between a hook's caller and its implementations.
 
     Attributes:
         calls: hook calls so far.

@@ -1,4 +1,4 @@
-"""The machine, how busy it is, and the peak memory of a stretch of work."""
+"""The machine, its load, and the peak memory of a section of code."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PACKAGES = ("apil", "mujoco", "torch", "numpy", "rsl-rl-lib", "pluggy")
 
 
 def this_machine() -> Machine:
-    """This one, and how busy it is."""
+    """Describe this machine and its load."""
     load = os.getloadavg()[0]
     return Machine(
         cpu=_cpu(),
@@ -35,7 +35,7 @@ def this_machine() -> Machine:
 
 
 def _cpu() -> str:
-    """The processor's name: Python's own answer is empty on most Linux machines."""
+    """The processor's name; Python's own answer is empty on most Linux machines."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
@@ -45,7 +45,7 @@ def _cpu() -> str:
 
 
 class PeakMemory:
-    """Largest resident set of this process since it was made or asked last.
+    """Largest resident set of this process since construction or the last :meth:`take`.
 
     A peak that only grows tells about the hungriest thing done so far; Linux can begin it anew. Elsewhere
     (or where that is forbidden) the value is the resident set at the time of asking.
@@ -60,7 +60,7 @@ class PeakMemory:
         self.largest = resident_mb()
 
     def take(self) -> float:
-        """The peak so far in MB; a new one begins."""
+        """Return the peak so far in MB, and reset it."""
         peak = _peak_mb() if self.exact else resident_mb()
         _begin_anew()
         self.largest = max(self.largest, peak)

@@ -1,4 +1,4 @@
-"""Measuring settings: rounds in which every level has its turn, seconds apart and on the same games."""
+"""Measure settings in rounds: every level is measured in turn, seconds apart and on the same games."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def measure(
     say: Callable[[str], None],
     keep: Callable[[SpeedReport], None],
 ) -> SpeedReport:
-    """Measure every cell. Ctrl-C ends it: the report then says so, and holds the finished cells.
+    """Measure every cell. Ctrl-C ends it: the report records that, and holds the finished cells.
 
     Args:
         cells: from :func:`.plan.make_plan`.
@@ -71,7 +71,7 @@ def measure(
 
 
 class CellBench:
-    """One setting.
+    """Measures one setting.
 
     Args:
         plan: the setting.
@@ -86,7 +86,7 @@ class CellBench:
         self._same_games = True
 
     def measure(self) -> tuple[Blocks, Cell]:
-        """Build everything, warm up, and go round until the time is over.
+        """Build everything, warm up, and measure rounds until the time is up.
 
         Raises:
             ApilError: something in it does not work.
@@ -117,7 +117,7 @@ class CellBench:
         return time.perf_counter() - self._begin
 
     def _entry(self, method: str, stack: ExitStack) -> tuple[TimedTraining, PhysicsStopwatch | None]:
-        """A method's training, warmed up, and the stopwatch of its physics if that can be timed alone."""
+        """A method's training, warmed up, and the timer of its physics if that can be timed alone."""
         training = stack.enter_context(closing(TimedTraining(self._plan.configs[method], self._plugins)))
         for _ in range(WARM_UP):
             training.iterate()
@@ -132,7 +132,7 @@ class CellBench:
         entries: dict[str, tuple[TimedTraining, PhysicsStopwatch | None]],
         replay: Replay,
     ) -> int:
-        """Rounds as long as another one fits into the time; returns how many."""
+        """Measure rounds as long as another one fits into the time; return how many."""
         rounds, last = 0, 0.0
         while rounds < LEAST_ROUNDS or self._elapsed + last <= self._plan.seconds:
             rounds, begin = rounds + 1, time.perf_counter()
@@ -147,7 +147,7 @@ class CellBench:
     def _turn(
         self, training: TimedTraining, stopwatch: PhysicsStopwatch | None, replay: Replay | None
     ) -> tuple[Measured, Lap]:
-        """Every level of a method, and those of its games without it if ``replay`` is given.
+        """Measure every level of a method, and its games without it if ``replay`` is given.
 
         The iteration's physics is recorded meanwhile; what recording took does not count.
         """
@@ -175,7 +175,7 @@ class CellBench:
         return levels, lap
 
     def _watched(self, work: Callable[[], float]) -> tuple[float, float]:
-        """Seconds that ``work`` says it took, and the largest memory meanwhile."""
+        """Return the seconds that ``work`` reports, and the peak memory meanwhile."""
         self._memory.take()
         seconds = work()
         return seconds, self._memory.take()

@@ -1,4 +1,4 @@
-"""Speed as a picture: a row for each game and profile, rates on the left, ratios to the base on the right."""
+"""A figure of speeds: a row for each game and profile, rates on the left, ratios to the base on the right."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _figure(report: SpeedReport) -> Figure:
 
 
 def _head(figure: Figure, axes: Any, wide: bool) -> None:
-    """The title, with a legend below it if there are lines."""
+    """Draw the title, with a legend below it if there are lines."""
     title, font = "How fast everything is beside the physics alone", {"size": 12, "weight": "bold"}
     if not wide:
         figure.suptitle(title, x=0.01, ha="left", **font)
@@ -90,7 +90,7 @@ def _head(figure: Figure, axes: Any, wide: bool) -> None:
 
 
 def _panel(axis: Axes, rows: Sequence[SpeedRow], what: str, wide: bool) -> None:
-    """Lines over the number of games, or bars if there is one number only."""
+    """Draw lines over the number of games, or bars if there is one number only."""
     if wide:
         _lines(axis, rows, what)
     else:
@@ -156,7 +156,7 @@ def _bars(axis: Axes, rows: Sequence[SpeedRow], what: str) -> None:
 
 
 def _orders(rows: Sequence[SpeedRow]) -> tuple[list[str], list[int]]:
-    """Methods as they come, and numbers of threads from the largest."""
+    """Orders of methods, as given, and of numbers of threads, descending."""
     methods = dict.fromkeys(row.method for row in rows if row.method is not None)
     return list(methods), sorted({row.threads for row in rows}, reverse=True)
 
@@ -176,7 +176,7 @@ def _threads(number: int) -> str:
 
 
 def _colour(series: Series, methods: Sequence[str]) -> tuple[float, ...]:
-    """A method's colour is lighter for its collection."""
+    """A method's colour, lighter for its collection."""
     level, method, _ = series
     colour = _PLAIN[level] if method is None else colours.LINES[1 + methods.index(method) % 6]
     white = 0.4 if level == "collection" else 0.0
@@ -184,7 +184,7 @@ def _colour(series: Series, methods: Sequence[str]) -> tuple[float, ...]:
 
 
 def _explanation(report: SpeedReport) -> str:
-    """What the numbers are, in one line below."""
+    """One line that explains the numbers."""
     rows, machine = report.rows, report.machine
     threads = sorted({row.threads for row in rows})
     batch = rows[0].num_envs * rows[0].num_steps

@@ -1,4 +1,4 @@
-"""What is to be measured: from names on the command line to settings, all checked before anything runs."""
+"""The measurement plan: names on the command line resolved to settings, checked before anything runs."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _HOW = Group("How", sort_key=1)
 
 
 def _listed(_: Any, tokens: Any) -> tuple[str, ...]:
-    """Words between commas, of one flag or of several."""
+    """Split comma-separated names, in one flag or several."""
     words = [word.strip() for token in tokens for word in token.value.split(",")]
     if not all(words):
         raise ValueError("an empty word between commas")
@@ -126,7 +126,7 @@ class SpeedRequest:
 
 @dataclass(frozen=True)
 class CellPlan:
-    """One setting.
+    """One setting to measure.
 
     Attributes:
         configs: of the training of every method.
@@ -150,7 +150,7 @@ class CellPlan:
 
 
 def make_plan(request: SpeedRequest, plugins: PluginRegistry) -> list[CellPlan]:
-    """The cells of a request, in order.
+    """Make the cells of a request, in order.
 
     Raises:
         ApilError: a name is unknown, or a number makes no sense.
@@ -196,7 +196,7 @@ def _games(names: Sequence[str], plugins: PluginRegistry) -> list[str]:
 
 
 def _options(env: str, request: SpeedRequest, plugins: PluginRegistry) -> list[dict[str, Any]]:
-    """Settings of the game for each profile; without profiles it has its turn once if all games are meant.
+    """Game options for each profile; a game without profiles is measured once if all games are requested.
 
     Raises:
         ConfigError: it was named and has no profiles, or not these.
@@ -222,7 +222,7 @@ def _config(
     threads: int,
     settings: dict[str, Any],
 ) -> RunConfig:
-    """A training's configuration.
+    """Make a training's configuration.
 
     Raises:
         ConfigError: the numbers make no run.

@@ -1,4 +1,4 @@
-"""The games of a block once more, without the learner: how long they take with and without the victim."""
+"""Replay the games of a block without the learner, to time them with and without the victim."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Replay:
         self.victim = run_victim(config, self.game, plugins, config.seed)
 
     def play(self, start: Start, rollout: Rollout) -> float:
-        """Steps and resets of the game with the recorded actions; returns their seconds."""
+        """Replay steps and resets of the game with the recorded actions; return the seconds."""
         self.game.load_state_dict(start.game)
         recorded = {self._side: rollout.action, 1 - self._side: rollout.victim_action}
         pairs = list(zip(recorded[0].cpu().numpy(), recorded[1].cpu().numpy(), strict=True))
@@ -52,7 +52,7 @@ class Replay:
 
     @torch.inference_mode()
     def play_victim(self, start: Start, rollout: Rollout) -> float:
-        """The same, the victim choosing its actions anew after each step; returns the seconds."""
+        """Replay with the victim choosing its actions after each step; return the seconds."""
         self.game.load_state_dict(start.game)
         self.victim.load_recurrent_state(start.victim)
         self._generator.set_state(start.generator)
@@ -67,7 +67,7 @@ class Replay:
 
     @property
     def arrived(self) -> bool:
-        """Whether the games stand bit for bit where the training's do."""
+        """Return whether the games' state equals the training's bit for bit."""
         pairs = zip(self.game.observations, self._attack.game.observations, strict=True)
         return all(np.array_equal(ours, theirs) for ours, theirs in pairs)
 

@@ -1,4 +1,4 @@
-"""What was measured, as data: ``speed.json`` is a :class:`SpeedReport`, with a row for each level."""
+"""Data of the measurements: ``speed.json`` is a :class:`SpeedReport`, with a row for each level."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ class Spread(BaseModel):
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Self:
-        """Of at least one value."""
+        """Summarise at least one value."""
         low, median, high = (float(value) for value in np.percentile(values, [25, 50, 75]))
         return cls(median=median, low=low, high=high)
 
 
 class Setting(BaseModel):
-    """What was stepped.
+    """The setting that was measured.
 
     Attributes:
         env: the game.
@@ -68,7 +68,7 @@ Of = TypeVar("Of", bound=Setting)
 
 
 def of_setting(entries: Sequence[Of], setting: Setting) -> list[Of]:
-    """Those of one setting."""
+    """The rows of one setting."""
     names = Setting.model_fields
     return [e for e in entries if all(getattr(e, name) == getattr(setting, name) for name in names)]
 
@@ -96,7 +96,7 @@ class SpeedRow(Setting):
 
 
 class HookCost(Setting):
-    """What hooks cost a whole training.
+    """Cost of hooks in a whole training.
 
     Attributes:
         method: of the training.
@@ -110,7 +110,7 @@ class HookCost(Setting):
 
 
 class Cell(Setting):
-    """How the measurement of one setting went.
+    """Status of the measurement of one setting.
 
     Attributes:
         rounds: blocks of every level.
@@ -134,7 +134,7 @@ class Cell(Setting):
 
 
 class Machine(BaseModel):
-    """Where it was measured, and what else the machine did."""
+    """The machine and its load."""
 
     cpu: str
     cpus: int
@@ -147,7 +147,7 @@ class Machine(BaseModel):
 
 
 class SpeedReport(BaseModel):
-    """Everything that was measured."""
+    """All measurements."""
 
     version: Literal[1] = 1
     command: list[str]
@@ -159,7 +159,7 @@ class SpeedReport(BaseModel):
     hooks: list[HookCost] = []
 
     def write(self, path: Path) -> None:
-        """Write it as JSON, whole or not at all.
+        """Write it as JSON, atomically.
 
         Raises:
             RunDirError: the file cannot be written.

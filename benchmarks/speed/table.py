@@ -1,4 +1,4 @@
-"""What was measured, as tables."""
+"""Tables of the measurements."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .report import CAPTIONS, Cell, HookCost, SpeedReport, SpeedRow, of_setting
 
 
 def print_report(report: SpeedReport, out: Path | None) -> None:
-    """Machine, then a table for each setting, then where the files are."""
+    """Print the machine, a table for each setting, and the paths of the files."""
     screen, machine = console(), report.machine
     screen.print(
         f"{machine.cpu}, {machine.usable_cpus} of {machine.cpus} CPUs; "

@@ -1,4 +1,4 @@
-"""One training that takes its turns with others in a process, as if it were alone in it."""
+"""One of several trainings that alternate in a process, each with its own random state."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .hooks import TimedHooks
 
 @dataclass
 class Start:
-    """Where the games and the victim stood before a block."""
+    """State of the games and the victim before a block."""
 
     game: dict[str, Any]
     victim: dict[str, Any]
@@ -30,7 +30,7 @@ class Start:
 
 
 class TimedTraining:
-    """A whole training; torch's global random generator is its own while it has its turn.
+    """A whole training; torch's global random generator is set to its own while it runs.
 
     Args:
         config: of the run.
@@ -49,7 +49,7 @@ class TimedTraining:
                 self.trainer.hook.run_started(run=self.trainer)
 
     def iterate(self) -> tuple[float, float]:
-        """One iteration; returns the seconds of its collection, and of all of it."""
+        """Run one iteration; return the seconds of its collection, and of all of it."""
         with self._turn():
             begin = time.perf_counter()
             metrics = self.trainer.iterate()
@@ -57,12 +57,12 @@ class TimedTraining:
 
     @property
     def timed_hooks(self) -> TimedHooks:
-        """Its hook manager, which must be of that kind."""
+        """Its hook manager, which must be of that class."""
         assert isinstance(self.attack.hooks, TimedHooks)
         return self.attack.hooks
 
     def start(self) -> Start:
-        """Where games and victim stand, between two iterations."""
+        """State of games and victim, between two iterations."""
         return Start(
             copy.deepcopy(self.attack.game.state_dict()),
             copy.deepcopy(self.attack.victim.recurrent_state()),

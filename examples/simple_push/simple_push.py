@@ -28,7 +28,7 @@ VICTIM = "simple-push:runner/v1"
 
 
 class SimplePushOptions(PettingZooOptions):
-    """As for any PettingZoo environment; this plugin knows which columns are about the opponent."""
+    """As for any PettingZoo environment, with the columns that describe the opponent filled in."""
 
     opponent_channels: dict[str, tuple[int, ...]] = Field(
         default={"adversary_0": (6, 7), "agent_0": (17, 18)}
@@ -37,7 +37,7 @@ class SimplePushOptions(PettingZooOptions):
 
 
 class Runner(Policy):
-    """Accelerates towards its goal, brakes as it comes near, and shies away from an adversary close by.
+    """Accelerates towards its goal, brakes near it, and evades a nearby adversary.
 
     Its five numbers serve both kinds of action: nothing, left, right, down, up, as scores of which the
     largest is chosen, or as strengths of which opposite ones are subtracted.
@@ -80,7 +80,7 @@ class Runner(Policy):
 
 
 def load(name: str) -> Policy:
-    """The policy of that name (without ``simple-push:``).
+    """Load the policy of that name (without ``simple-push:``).
 
     Raises:
         UnknownNameError: there is none.
@@ -91,13 +91,13 @@ def load(name: str) -> Policy:
 
 
 def listing() -> list[PolicyListing]:
-    """One row for ``apil victims list``."""
+    """Return one row for ``apil victims list``."""
     return [PolicyListing(VICTIM, True, Runner().info.sha256, "scripted, examples/simple_push")]
 
 
 @hookimpl
 def register_games() -> list[GameSpec]:
-    """The game by its full name, so that the attacked side and the victim need not be given."""
+    """Register the game by its full name, so that the attacked side and the victim need not be given."""
     return [
         pettingzoo_spec(
             "mpe2.simple_push_v3:parallel_env",
@@ -112,5 +112,5 @@ def register_games() -> list[GameSpec]:
 
 @hookimpl
 def register_policies() -> list[PolicySpec]:
-    """The victim."""
+    """Register the victim."""
     return [PolicySpec("simple-push", f"{__name__}:load", f"{__name__}:listing", "a scripted victim")]

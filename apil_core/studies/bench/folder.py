@@ -153,7 +153,7 @@ class BenchDir:
         return self.path / "snapshots" / f"{cell_name}.png"
 
     def set_aside(self, cell_name: str) -> None:
-        """What was made of a cell's adversary that now trains on; games played with it tell by its hash."""
+        """Move a cell's retraining to ``earlier/`` and delete its pictures, as the adversary has changed."""
         self.snapshot_path(cell_name).unlink(missing_ok=True)
         retrained, earlier = self.retrained_dir(cell_name), self.path / "earlier" / cell_name
         if retrained.is_dir():

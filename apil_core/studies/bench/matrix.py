@@ -190,7 +190,7 @@ class Matrix(Section):
     def _check_game_axes(self) -> None:
         """Reject axes over game options: it would be ambiguous which players meet in which variant.
 
-        What observers do to the sides' eyes is part of it.
+        Options of observers count too, since they change observations.
         """
         watched = tuple(f"options.{name}." for name in texts_in(self.config.get("observers")))
         games = [key for key in self.axes if key.startswith(("game.", *watched)) or key == "observers"]

@@ -23,7 +23,7 @@ def escaped(text: str) -> str:
 
 
 def latex_table(data: ReportData, table: Table) -> str:
-    """A ``table`` environment; the caption tells the setting and how far it is from the published one."""
+    """Make a ``table`` environment; the caption has the setting and how it differs from the published one."""
     setting = data.setting(table.setting)
     blind = f", blinded: {table.blind}" if table.blind else ""
     caption = f"{table.title} ({setting.label}{blind}). {' '.join(setting.notes)}"

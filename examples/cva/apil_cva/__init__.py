@@ -1,4 +1,4 @@
-"""CVA (Gong et al. 2022): curiosity about what the victim's surrogate sees, and the victim's advantage."""
+"""CVA (Gong et al. 2022): curiosity about the victim surrogate's features, and the victim's advantage."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ APIL_HOOK_API = 2
 
 @hookimpl
 def register_methods() -> list[MethodSpec]:
-    """CVA: one reward stream, one mixture of advantages, one update."""
+    """Register CVA: one reward stream, one mixture of advantages, one update."""
     return [
         MethodSpec(
             name="cva",

@@ -1,4 +1,4 @@
-"""CVA's options; README.md says where each default comes from."""
+"""CVA's options; README.md gives the source of each default."""
 
 from __future__ import annotations
 

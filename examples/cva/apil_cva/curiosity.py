@@ -1,4 +1,4 @@
-"""Random network distillation (Burda et al. 2019): what the predictor has not learnt yet is new."""
+"""Random network distillation (Burda et al. 2019): prediction error as a novelty bonus."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Curiosity(nn.Module):
         return result
 
     def learn(self, inputs: Tensor, parts: int, generator: torch.Generator) -> float:
-        """Epochs of the predictor on a random share of ``inputs`` (m, i); gives back the mean loss.
+        """Train the predictor for some epochs on a random share of ``inputs`` (m, i); return the mean loss.
 
         Args:
             inputs: of the rollout's steps.
@@ -75,7 +75,7 @@ class Curiosity(nn.Module):
         return float(torch.stack(losses).mean())
 
     def training_state(self) -> dict[str, Any]:
-        """Both networks, the optimiser, and the bonus's statistics."""
+        """Return both networks, the optimiser, and the bonus's statistics."""
         normalizer = self.normalizer
         return {
             "target": self.target.state_dict(),
@@ -85,7 +85,7 @@ class Curiosity(nn.Module):
         }
 
     def load_training_state(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`training_state` gave."""
+        """Restore what :meth:`training_state` returned."""
         self.target.load_state_dict(state["target"])
         self.predictor.load_state_dict(state["predictor"])
         self.optimizer.load_state_dict(state["optimizer"])
@@ -95,7 +95,7 @@ class Curiosity(nn.Module):
             self._normalizer(games).load_state_dict(state["normalizer"])
 
     def _normalizer(self, games: int) -> ReturnNormalizer:
-        """The statistics for that many games; with another number than before, open returns begin anew."""
+        """The statistics for that many games; if the number changes, running returns start at zero."""
         old = self.normalizer
         if old is None or len(old.returns) != games:
             self.normalizer = ReturnNormalizer(games, self.gamma).to(self.device)

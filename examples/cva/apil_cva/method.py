@@ -28,7 +28,7 @@ STREAM = "curiosity"
 
 @dataclass
 class Looked:
-    """What one rollout looked like before this iteration's updates; lives from hook to hook.
+    """One rollout evaluated with the weights before this iteration's updates; shared between hooks.
 
     Attributes:
         states: the surrogate's normalised input, (T, n, s).
@@ -72,7 +72,7 @@ class Cva(Method):
 
     @hookimpl
     def finish_rollout(self, run: Run, rollout: Rollout) -> dict[str, Tensor] | None:
-        """The bonus as a stream with its own critic, (T, n)."""
+        """Return the bonus as a stream with its own critic, (T, n)."""
         looked = self._look(rollout)
         self.looked = looked
         bonus = self.curiosity.bonus(looked.inputs)
@@ -91,7 +91,7 @@ class Cva(Method):
 
     @hookimpl
     def update_auxiliary(self, run: Run, rollout: Rollout) -> dict[str, float] | None:
-        """Train the predictor and the surrogate on this rollout, then take in its statistics."""
+        """Train the predictor and the surrogate on this rollout, then update the statistics with it."""
         looked, self.looked = self.looked, None
         assert looked is not None
         parts = run.config.ppo.minibatches
@@ -109,7 +109,7 @@ class Cva(Method):
         return metrics
 
     def _look(self, rollout: Rollout) -> Looked:
-        """Values, hidden layer and inputs of the random networks, with the weights as they are."""
+        """Compute values, hidden layer and inputs of the random networks, with the present weights."""
         fresh = any(bool(normalizer.moments.count == 0) for normalizer in self.sights.values())
         if fresh:  # the first rollout was played without statistics
             self._take_in(rollout)

@@ -34,7 +34,7 @@ class Surrogate(nn.Module):
         return hidden, self.network[-1](hidden)[..., 0]
 
     def learn(self, states: Tensor, targets: Tensor, parts: int, generator: torch.Generator) -> float:
-        """Mean-squared-error epochs on (m, o) and returns (m,); gives back the mean loss.
+        """Train for some epochs with mean squared error on (m, o) and returns (m,); return the mean loss.
 
         Args:
             states: normalised observations.
@@ -50,10 +50,10 @@ class Surrogate(nn.Module):
         return float(torch.stack(losses).mean())
 
     def training_state(self) -> dict[str, Any]:
-        """Network and optimiser."""
+        """Return network and optimiser."""
         return {"network": self.network.state_dict(), "optimizer": self.optimizer.state_dict()}
 
     def load_training_state(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`training_state` gave."""
+        """Restore what :meth:`training_state` returned."""
         self.network.load_state_dict(state["network"])
         self.optimizer.load_state_dict(state["optimizer"])

@@ -1,4 +1,4 @@
-"""Minibatch regression, the way the surrogate and the predictor are both trained."""
+"""Minibatch regression for the surrogate and the predictor."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def minibatches(count: int, parts: int, epochs: int, generator: torch.Generator)
 
 
 def descend(loss: Tensor, module: nn.Module, optimizer: torch.optim.Optimizer) -> Tensor:
-    """One step down ``loss``, the gradient clipped to length 0.5; returns the loss, detached."""
+    """Take one step down ``loss``, the gradient clipped to norm 0.5; return the loss, detached."""
     optimizer.zero_grad()
     loss.backward()
     nn.utils.clip_grad_norm_(module.parameters(), MAX_GRAD_NORM)

@@ -1,4 +1,4 @@
-"""IMAP (Zheng et al. 2024): an adversary that is also paid for exploring, less so as it stops improving."""
+"""IMAP (Zheng et al. 2024): an adversary with an intrinsic reward, weighted less as it stops improving."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ APIL_HOOK_API = 2
 
 @hookimpl
 def register_methods() -> list[MethodSpec]:
-    """IMAP, on its own: the game's reward and one intrinsic stream."""
+    """Register IMAP on its own: the game's reward and one intrinsic stream."""
     return [
         MethodSpec(
             name="imap",

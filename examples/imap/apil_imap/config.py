@@ -1,4 +1,4 @@
-"""IMAP's options. Where the defaults come from is in the README."""
+"""IMAP's options. The README gives the sources of the defaults."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class MimicConfig(Section):
 
 
 class ImapConfig(Section):
-    """Which bonus, how it is estimated, and how much it weighs."""
+    """The bonus, its estimator, and its weight."""
 
     bonus: Literal["state_coverage", "policy_coverage", "risk", "divergence"] = "policy_coverage"
     """What is paid for: rare states of this rollout, states rare in all rollouts so far, a victim near

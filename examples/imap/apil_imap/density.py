@@ -1,4 +1,4 @@
-"""How rare states are: distance to the nearest of an even sample of states (IMAP's SC and PC)."""
+"""Rarity of states: distance to the nearest of a uniform sample of states (IMAP's SC and PC)."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def neighbour_distance(states: Tensor, references: Tensor, k: int, own: Tensor |
 
 
 class Reservoir:
-    """An even sample of all states ever offered: each gets a random key, those with the smallest stay.
+    """Reservoir sampling: a uniform sample of all states offered; those with the smallest random keys stay.
 
     Args:
         size: how many states are kept.
@@ -50,7 +50,7 @@ class Reservoir:
         self.keys: Tensor | None = None
 
     def offer(self, states: Tensor, generator: torch.Generator) -> Tensor:
-        """Take ``states`` (m, d) into what is sampled from.
+        """Add ``states`` (m, d) to the sampled population.
 
         Returns:
             for each state now kept the row of ``states`` it is, or −1 if it was there before; (r,).
@@ -65,17 +65,17 @@ class Reservoir:
         return torch.where(kept < before, -1, kept - before)
 
     def clear(self) -> None:
-        """Forget all states."""
+        """Remove all states."""
         self.states = self.keys = None
 
     def state_dict(self) -> dict[str, Any]:
-        """The sample and its keys; empty before the first offer."""
+        """Return the sample and its keys; empty before the first offer."""
         if self.states is None or self.keys is None:
             return {}
         return {"states": self.states.clone(), "keys": self.keys.clone()}
 
     def load_state_dict(self, state: dict[str, Any], device: torch.device) -> None:
-        """Restore what :meth:`state_dict` gave."""
+        """Restore what :meth:`state_dict` returned."""
         self.clear()
         if state:
             self.states, self.keys = state["states"].to(device), state["keys"].to(device)

@@ -1,4 +1,4 @@
-"""The states in which distances are measured: normalised observations of one side, projected if long."""
+"""The space in which distances are measured: normalised observations of one side, projected if long."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Features(nn.Module):
         self.size = projection if projected else size
 
     def update(self, observations: Tensor) -> None:
-        """Take observations (T, n, o) into the statistics."""
+        """Update the statistics with observations (T, n, o)."""
         self.normalizer.update(observations.flatten(0, 1))
 
     def normalize(self, observations: Tensor) -> Tensor:
@@ -40,6 +40,6 @@ class Features(nn.Module):
         return normalized
 
     def forward(self, observations: Tensor) -> Tensor:
-        """Points whose distances are meant, (…, o) → (…, p)."""
+        """Features between which distances are computed, (…, o) → (…, p)."""
         normalized = self.normalize(observations)
         return normalized if self.matrix is None else normalized @ self.matrix

@@ -65,7 +65,7 @@ class Imap(Method):
 
     @hookimpl
     def shape_reward(self, run: Run, step: StepBatch) -> None:
-        """Counts games won and ended; adds nothing to the reward."""
+        """Count games won and ended; add nothing to the reward."""
         self._won += ((step.outcome == 1) & step.done).sum()
         self._ended += step.done.sum()
 
@@ -91,7 +91,7 @@ class Imap(Method):
 
     @hookimpl
     def update_auxiliary(self, run: Run, rollout: Rollout) -> dict[str, float]:
-        """Lets the mimic follow, if there is one; logs bonus, objective, λ and τ_k."""
+        """Train the mimic, if there is one; log bonus, objective, λ and τ_k."""
         weighting = self.weighting
         metrics = {
             **self._metrics,
@@ -138,7 +138,7 @@ class Imap(Method):
         return total
 
     def _risk(self, rollout: Rollout) -> Tensor:
-        """Minus the distance of the victim's state to the one its game began with, (T, n)."""
+        """Minus the distance of the victim's state to the first one of its game, (T, n)."""
         observations, features = rollout.victim_observation, self.features["victim"]
         carried = self._opening
         if carried is not None and carried.shape != observations[0].shape:
@@ -160,7 +160,7 @@ class Imap(Method):
         return scaled
 
     def _objective(self, rollout: Rollout) -> float | None:
-        """J_E: the mean reward, or the win rate, ``None`` until enough games have ended to tell it."""
+        """J_E: the mean reward, or the win rate; ``None`` until enough games have ended."""
         if self.options.objective == "reward":
             return float(rollout.reward.mean())
         won, ended = int(self._won), int(self._ended)
@@ -171,7 +171,7 @@ class Imap(Method):
         return won / ended
 
     def state_dict(self) -> dict[str, Any]:
-        """Statistics, sample, λ, mimic; the opening states of the games under way."""
+        """Return statistics, sample, λ, mimic, and the first states of the running games."""
         state: dict[str, Any] = {
             "features": {side: features.state_dict() for side, features in self.features.items()},
             "reservoir": self.reservoir.state_dict() if self.options.bonus == "policy_coverage" else {},
@@ -184,7 +184,7 @@ class Imap(Method):
         return state
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`state_dict` gave."""
+        """Restore what :meth:`state_dict` returned."""
         device = self.setup.device
         for side, features in self.features.items():
             features.load_state_dict(state["features"][side])
@@ -202,7 +202,7 @@ class Imap(Method):
 
 
 def _distribution(rollout: Rollout) -> DiagonalGaussian:
-    """What the adversary's actions were drawn from, (T, n, a)."""
+    """Distribution from which the adversary's actions were drawn, (T, n, a)."""
     if rollout.action_mean is None or rollout.action_std is None:
         raise PluginError("the divergence bonus needs rollouts of the adversary's own games")
     return DiagonalGaussian(rollout.action_mean, rollout.action_std)

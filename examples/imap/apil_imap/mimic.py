@@ -33,7 +33,7 @@ class Mimic(nn.Module):
         return acted.kl(self.policy(states))
 
     def learn(self, acted: DiagonalGaussian, states: Tensor, generator: torch.Generator) -> float:
-        """Some passes over one rollout, flattened to (m, …); returns the mean divergence before each step."""
+        """Train some passes over one rollout, flattened to (m, …); return the mean divergence beforehand."""
         losses = []
         for _ in range(self.config.epochs):
             order = torch.randperm(len(states), generator=generator, device=generator.device)
@@ -48,10 +48,10 @@ class Mimic(nn.Module):
         return float(torch.stack(losses).mean())
 
     def training_state(self) -> dict[str, Any]:
-        """Weights and optimiser."""
+        """Return weights and optimiser."""
         return {"policy": self.policy.state_dict(), "optimizer": self.optimizer.state_dict()}
 
     def load_training_state(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`training_state` gave."""
+        """Restore what :meth:`training_state` returned."""
         self.policy.load_state_dict(state["policy"])
         self.optimizer.load_state_dict(state["optimizer"])

@@ -1,4 +1,4 @@
-"""Distance of a state to the one its game began with (IMAP's R, as its code has it)."""
+"""Distance of a state to the first one of its game (IMAP's R, as in its code)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from torch import Tensor
 
 
 def openings(states: Tensor, first: Tensor, carried: Tensor | None) -> Tensor:
-    """The state each game opened with.
+    """First state of each game.
 
     Args:
         states: shape (T, n, o).

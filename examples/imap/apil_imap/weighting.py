@@ -1,4 +1,4 @@
-"""Bias reduction: how much the intrinsic advantage weighs (IMAP's BR)."""
+"""Bias reduction: the weight of the intrinsic advantage (IMAP's BR)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from apil_imap.config import ImapConfig
 
 
 def expected_objective(last: float, growth: float, ceiling: float = float("inf")) -> float:
-    """What the objective should come to: ``growth`` times better than ``last``, at most ``ceiling``.
+    """Target of the objective: ``growth`` times better than ``last``, at most ``ceiling``.
 
     A negative objective gets better by getting smaller in size, so it is divided.
     """
@@ -47,7 +47,7 @@ class BiasReduction(nn.Module):
         self.last: float | None = None
 
     def update(self, objective: float) -> None:
-        """Take in this iteration's objective; the first one has nothing to be compared with."""
+        """Update with this iteration's objective; the first one has no predecessor to compare with."""
         options = self.options
         if self.last is not None:
             ceiling = 1.0 if options.objective == "win_rate" else float("inf")
@@ -57,11 +57,11 @@ class BiasReduction(nn.Module):
         self.last = objective
 
     def training_state(self) -> dict[str, Any]:
-        """λ and the last objective."""
+        """Return λ and the last objective."""
         return {"multiplier": float(self.multiplier), "last": self.last}
 
     def load_training_state(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`training_state` gave."""
+        """Restore what :meth:`training_state` returned."""
         self.multiplier.fill_(state["multiplier"])
         self.last = state["last"]
 

@@ -1,4 +1,4 @@
-"""IMAP's maths by hand and against a slow reference, and the method against the whole contract."""
+"""IMAP's formulas by hand and against a slow reference, and the method against the whole contract."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A defence: the victim does not see its opponent."""
+"""A defence: the victim's observation of its opponent is masked."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ APIL_HOOK_API = 2
 
 @hookimpl
 def register_observers() -> list[ObserverSpec]:
-    """An observer: it is switched on beside whatever method attacks."""
+    """Register an observer: it can be switched on with any attack method."""
     return [
         ObserverSpec(
             name="masked_observation",

@@ -1,4 +1,4 @@
-"""The masked observation's hook, and the means it keeps."""
+"""The masked observation's hook and its running means."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from apil_masked_observation.options import MaskedObservationOptions
 
 
 class MaskedObservation(Observer):
-    """Replaces the columns M of the victim's observation that tell about its opponent."""
+    """Replaces the columns M of the victim's observation that describe its opponent."""
 
     options: MaskedObservationOptions
 
@@ -29,7 +29,7 @@ class MaskedObservation(Observer):
 
     @hookimpl
     def filter_observation(self, context: Context, obs: Tensor) -> Tensor | None:
-        """The victim's observation (n, o) without its opponent; nothing for the adversary's.
+        """Mask the opponent in the victim's observation (n, o); return ``None`` for the adversary's.
 
         Raises:
             ConfigError: means are asked for, and no training has told them.
@@ -39,7 +39,7 @@ class MaskedObservation(Observer):
         return obs.index_copy(1, self.channels, self._instead(context, obs[:, self.channels]))
 
     def _instead(self, context: Context, hidden: Tensor) -> Tensor:
-        """What the victim gets to see in place of ``hidden``, (n, k)."""
+        """Values that replace ``hidden`` in the victim's observation, (n, k)."""
         way = self.options.way
         if way == "noise":
             return torch.empty_like(hidden).normal_(generator=context.generator)
@@ -57,9 +57,9 @@ class MaskedObservation(Observer):
         return torch.zeros_like(hidden)
 
     def state_dict(self) -> dict[str, Any]:
-        """The means."""
+        """Return the means."""
         return {"usual": self.usual.state_dict()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore them."""
+        """Restore the means."""
         self.usual.load_state_dict(state["usual"])

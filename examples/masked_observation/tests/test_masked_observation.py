@@ -1,4 +1,4 @@
-"""The masked-observation defence: what it hides, from whom, in training and in evaluation."""
+"""The masked-observation defence: the masked columns and sides, in training and in evaluation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The attack that never learns: its actions stay the noise of the untrained policy."""
+"""A control that never learns: its actions stay the noise of the untrained policy."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ APIL_HOOK_API = 2
 
 @hookimpl
 def register_methods() -> list[MethodSpec]:
-    """A method like any other, so that it is a row of a benchmark."""
+    """Register it as a method, so that it can be a row of a benchmark."""
     return [
         MethodSpec(
             name="noise",

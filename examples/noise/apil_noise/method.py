@@ -12,7 +12,7 @@ class Noise(Method):
 
     @hookimpl
     def run_started(self, run: Run) -> None:
-        """Refuse settings under which something other than the policy gradient would move the policy.
+        """Refuse settings under which something other than the policy gradient would change the policy.
 
         Raises:
             ConfigError: it would not stay noise.
@@ -23,12 +23,12 @@ class Noise(Method):
 
     @hookimpl
     def combine_advantages(self, streams: dict[str, Tensor]) -> Tensor:
-        """Zero for every step, (T, n)."""
+        """Return zero for every step, (T, n)."""
         return streams["reward"].new_zeros(streams["reward"].shape)
 
 
 def what_moves_it(config: RunConfig) -> str | None:
-    """Which setting would make the policy something else than noise, and what it must be; or ``None``."""
+    """A setting that would change the policy and its required value; or ``None``."""
     if config.ppo.entropy_coefficient:
         return f"ppo.entropy_coefficient must be 0, got {config.ppo.entropy_coefficient:g}"
     if config.ppo.optimizer != "adam":

@@ -1,4 +1,4 @@
-"""The noise method: the policy stays what it was, and settings that would move it are refused."""
+"""The noise method: the policy does not change, and settings that would change it are refused."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SMALL = {"num_envs": 8, "ppo": {"num_steps": 8, "epochs": 1, "minibatches": 2}}
 
 @pytest.fixture(scope="module")
 def states(tmp_path_factory: pytest.TempPathFactory):
-    """Of a run of two iterations, after the first and after the second."""
+    """States of a run of two iterations, after the first and after the second."""
     out = tmp_path_factory.mktemp("noise") / "run"
     tiny_run(tiny_config("noise", steps=2 * 64, checkpoint={"every_iterations": 1}, **SMALL), out)
     return [torch.load(path, weights_only=True) for path in sorted((out / "checkpoints").glob("*.pt"))]

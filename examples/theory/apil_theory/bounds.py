@@ -1,4 +1,4 @@
-"""Finer forms of the Lemma, and the bounds of the two theorems. KL is in bits; derivations: docs/theory.md.
+"""Tighter forms of the Lemma, and the bounds of the two theorems. KL is in bits; derivations: docs/theory.md.
 
 All assume rewards that depend on the state alone. Which adversary's values H is taken over does not matter in
 :func:`~apil_core.studies.theory.bounds.lemma_bound`; in its two finer forms it does.
@@ -35,7 +35,7 @@ def lemma_bound_of_visits(largest_new_value: float, visited_root_kl: float, gamm
 
 
 def unfixed_victim_bound(largest_difference: float, epsilon: float, gamma: float) -> float:
-    """Theorem (unfixed victim): |Y(ε) − Y*|, the best V_α − V_ν once the victim has moved by at most ε.
+    """Theorem (unfixed victim): |Y(ε) − Y*|, the best V_α − V_ν once the victim has changed by at most ε.
 
     Args:
         largest_difference: max_s |Δr(s)|.
@@ -61,7 +61,7 @@ def imitation_constant(reward_term: float, low: float, high: float, gamma: float
 
 
 def other_adversary_bound(constant: float, largest_kl: float) -> float:
-    """Theorem (imitator under another adversary): what it loses against the imitator made for that one.
+    """Theorem (imitator under another adversary): its loss against the imitator made for that one.
 
     Args:
         constant: K of :func:`imitation_constant`.

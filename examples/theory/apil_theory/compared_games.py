@@ -1,4 +1,4 @@
-"""Games of one checkpoint's adversary, and what the next checkpoint's would do in every state met."""
+"""Games of one checkpoint's adversary, with the next checkpoint's action distribution in every state."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from apil_core.training.storage.run_dir import RunDir
 
 @dataclass
 class ComparedGames:
-    """What was seen, time first: (T, n). Entries after a game's end are not ``playing``.
+    """Recorded games, time first: (T, n). Entries after a game's end are not ``playing``.
 
     Attributes:
         steps: the adversary was trained for.
@@ -39,7 +39,7 @@ class ComparedGames:
 
     @property
     def following(self) -> np.ndarray:
-        """Discounted return from each step on, (T, n): the value of the state it leads to, as drawn."""
+        """Discounted return from each step on, (T, n): a sample of the value of the state it leads to."""
         result = np.zeros((len(self.rewards) + 1, self.rewards.shape[1]))
         for t in range(len(self.rewards) - 1, -1, -1):
             result[t] = self.rewards[t] + self.gamma * result[t + 1]
@@ -47,13 +47,13 @@ class ComparedGames:
 
     @property
     def values(self) -> np.ndarray:
-        """Γ as drawn in each game, (n,)."""
+        """Sampled Γ of each game, (n,)."""
         values: np.ndarray = self.gamma * self.following[0]
         return values
 
 
 class ComparedPolicy(Policy):
-    """Plays as the first policy, and says how far the second one's distribution is from its own."""
+    """Acts as the first policy, and stores the KL between its distribution and the second one's."""
 
     def __init__(self, policy: Policy, other: Policy | None):
         self.info = policy.info

@@ -1,4 +1,4 @@
-"""Each bound beside the true gap it bounds, on a tabular game."""
+"""Each bound with the exact gap it bounds, on a tabular game."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LemmaForm = Literal["printed", "mean", "visits"]
 
 @dataclass(frozen=True)
 class Comparison:
-    """A bound and what it bounds.
+    """A bound and the quantity it bounds.
 
     Attributes:
         gap: exact, not negative (up to rounding).
@@ -37,7 +37,7 @@ class Comparison:
 
     @property
     def holds(self) -> bool:
-        """Whether it does not, rounding of linear solves and programmes aside."""
+        """True if the gap does not exceed the bound, up to rounding of linear solves and programmes."""
         return self.gap <= self.bound + 1e-7 * (1 + abs(self.bound))
 
     @property

@@ -42,7 +42,7 @@ class TabularGame:
         return int(self.transition.shape[1 + side])
 
     def alone(self, side: int, other: np.ndarray, reward: np.ndarray) -> MDP:
-        """What one side faces while the other is fixed.
+        """The decision problem of one side while the other is fixed.
 
         Args:
             side: who learns.
@@ -55,7 +55,7 @@ class TabularGame:
         return MDP(transition, np.broadcast_to(rewards, transition.shape[:2]), self.start, self.gamma)
 
     def predicted(self, reader: np.ndarray, victim: np.ndarray, reward: np.ndarray) -> MDP:
-        """What an imitator faces that only predicts: the victim acts, and α reads the prediction ã.
+        """Decision problem of an imitator that only predicts: the victim acts, and α reads the prediction ã.
 
         So the games of ``rollouts: shared`` (docs/methods.md §3) look to the imitator.
 
@@ -116,7 +116,7 @@ def random_game(
     spread: float = 0.3,
     scale: float = 1.0,
 ) -> TabularGame:
-    """Dirichlet transitions and normal rewards, of either side its own.
+    """Dirichlet transitions and normal rewards, drawn separately for each side.
 
     Args:
         rng: draws everything.

@@ -1,4 +1,4 @@
-"""The two gradient identities of docs/methods.md, each side computed on its own.
+"""The two gradient identities of docs/methods.md, both sides computed independently.
 
 §1: ∇_θ (V_α − V_ν) is the policy gradient with reward Δr.
 §2: the gradient of E-APIL's objective E_π̃[Σ γ^t log D] − β V_α with respect to the imitator is the policy
@@ -73,7 +73,7 @@ def finite_value(mdp: MDP, policy: np.ndarray, horizon: int) -> complex:
 def _trajectories(
     mdp: MDP, policy: np.ndarray, horizon: int
 ) -> Iterator[tuple[float, tuple[tuple[int, int], ...]]]:
-    """Probability and (state, action) pairs of everything that can happen in ``horizon`` steps."""
+    """Probability and (state, action) pairs of every possible trajectory of ``horizon`` steps."""
 
     def on(
         state: int, probability: float, past: tuple[tuple[int, int], ...]

@@ -47,19 +47,19 @@ class Imitation:
         return self._of_occupancy(seat.occupancy(imitator))
 
     def discriminator(self, imitator: np.ndarray) -> np.ndarray:
-        """A least D against that imitator, (S, B); each entry is D^L or D^U."""
+        """A minimising D for that imitator, (S, B); each entry is D^L or D^U."""
         low, high = self._ends(self._seat().occupancy(imitator))
         return np.where(low <= high, self.low, self.high)
 
     def value_against(self, imitator: np.ndarray, discriminator: np.ndarray) -> float:
-        """The objective under a given D, (S, B): what J is the least of."""
+        """The objective under a given D, (S, B); J is its minimum over D."""
         seat = self._seat()
         imitated, shown = seat.occupancy(imitator), seat.occupancy(self.victim)
         imitation = imitated * np.log(discriminator) + shown * np.log(1 - discriminator)
         return float(imitation.sum() - self.beta * imitated.sum(1) @ self.game.rewards[ADVERSARY])
 
     def solve(self) -> tuple[np.ndarray, float]:
-        """An imitator (S, B) of largest J, and that J.
+        """A maximising imitator (S, B), and its J.
 
         The programme: maximise Σ z − β Σ ρ r^α over occupancies ρ ≥ 0 and free z, where ρ obeys the flow
         of visits and each z lies below its pair's two terms.

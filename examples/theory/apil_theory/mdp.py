@@ -12,7 +12,7 @@ _ROUNDS = 1000
 
 @dataclass(frozen=True)
 class MDP:
-    """What a single learner faces. S states, A actions.
+    """The decision problem of a single learner. S states, A actions.
 
     Attributes:
         transition: (S, A, S), rows sum to 1.
@@ -31,7 +31,7 @@ class MDP:
         return np.linalg.solve(self._system(policy), (policy * self.reward).sum(1))
 
     def value(self, policy: np.ndarray) -> float:
-        """V averaged over the first state; complex if ``policy`` is (see :mod:`.gradients`)."""
+        """V averaged over the initial state; complex if ``policy`` is (see :mod:`.gradients`)."""
         value: float = self.start @ self.values(policy)
         return value
 

@@ -1,4 +1,4 @@
-"""Tabular policies, (S, A) with rows that sum to 1, and how far they are apart."""
+"""Tabular policies, (S, A) with rows that sum to 1, and KL between them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def softmax(logits: np.ndarray) -> np.ndarray:
 
 
 def kl_bits(old: np.ndarray, new: np.ndarray) -> np.ndarray:
-    """KL(old ‖ new) in bits per state, (S,); infinite where ``old`` does what ``new`` never does."""
+    """KL(old ‖ new) in bits per state, (S,); infinite where ``old`` has an action that ``new`` lacks."""
     # rounding leaves -1e-17 between equal policies
     return np.maximum(rel_entr(old, new).sum(-1), 0.0) / math.log(2)
 

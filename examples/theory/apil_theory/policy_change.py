@@ -1,4 +1,4 @@
-"""How far apart a run's kept adversaries are, state by state, in games they play."""
+"""KL between a run's kept adversaries, state by state, in games they play."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How loose the bounds are: gap over bound on many random perturbations."""
+"""Tightness of the bounds: gap over bound on many random perturbations."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Looseness:
 
 @dataclass(frozen=True)
 class _Scene:
-    """A game, its players, and where each of them moves to."""
+    """A game, its players, and the players after their change."""
 
     game: TabularGame
     victim: np.ndarray

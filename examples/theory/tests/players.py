@@ -1,4 +1,4 @@
-"""Games with players in them, for property tests."""
+"""Random games with players, for property tests."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from apil_theory.policies import at_distance, random_policy
 
 @dataclass(frozen=True)
 class Scene:
-    """A game, both players, and the same players after they have moved (each state by a KL of its own)."""
+    """A game, both players, and both after a change (each state by a KL of its own)."""
 
     game: TabularGame
     adversary: np.ndarray

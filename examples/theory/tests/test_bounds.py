@@ -1,4 +1,4 @@
-"""The three bounds against exact gaps; where the printed statement is wrong; how tight they can be."""
+"""The three bounds against exact gaps: errors in the printed statements, and tightness."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_theorem_of_the_imitator_under_another_adversary(scene: Scene) -> None:
 
 
 def test_the_lemma_is_tight() -> None:
-    """α chooses the next of two states, worth ±1: Γ moves by γ / (1 − γ) · 2δ, and so does the bound."""
+    """α chooses the next of two states, worth ±1: Γ changes by γ / (1 − γ) · 2δ, and so does the bound."""
     game, delta = coin(), 1e-4
     fair = np.full((2, 2), 0.5)
     tilted = fair + delta * np.array([-1.0, 1.0])
@@ -90,7 +90,7 @@ def test_the_lemma_is_tight() -> None:
 
 
 def pennies(adversary: tuple[float, float], victim: tuple[float, float], gamma: float = 0.5) -> TabularGame:
-    """Two states, "same" and "different": what both players did last. Rewards of either side, per state."""
+    """Two states, "same" and "different": both players' last actions. Rewards of either side, per state."""
     transition = np.zeros((2, 2, 2, 2))
     for mine in range(2):
         for theirs in range(2):
@@ -99,7 +99,7 @@ def pennies(adversary: tuple[float, float], victim: tuple[float, float], gamma: 
 
 
 def turned_imitator(game: TabularGame, reward_term: float | None = None):
-    """The adversary leans to its first action, then to its second; the best imitator has to turn about."""
+    """The adversary prefers its first action, then its second; the best imitator has to change with it."""
     fair = np.full((2, 2), 0.5)
     lean = 0.05 * np.array([1.0, -1.0])
     return transferred_imitator(Imitation(game, fair, fair + lean), fair - lean, reward_term)
@@ -129,7 +129,7 @@ def test_without_it_k_can_even_be_negative() -> None:
 
 
 def test_rewards_of_actions_break_the_lemma() -> None:
-    """Why the theorems ask for rewards of the state alone: here the action pays, and no later state does."""
+    """The theorems need rewards of the state alone: here the action has the reward, and no later state."""
     bits = 0.1
     fair = np.array([0.5, 0.5])
     tilted = np.array([0.5, 0.5]) + np.array([-1, 1]) * 0.18

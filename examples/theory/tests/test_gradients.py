@@ -37,7 +37,7 @@ def test_difference_of_values_is_climbed_by_the_policy_gradient_on_delta_r(scene
 @given(scenes())
 @settings(deadline=None, max_examples=12)
 def test_e_apils_objective_is_climbed_by_the_policy_gradient_on_eta(scene: Scene) -> None:
-    """And the sign counts: without −r^α, or with +r^α, it is another direction."""
+    """The sign matters: without −r^α, or with +r^α, the direction differs."""
     game, psi = scene.game, logits(scene, VICTIM)
     log_d = np.log(scene.rng.uniform(0.1, 0.9, psi.shape))
     imitation = game.alone(VICTIM, scene.adversary, log_d)
@@ -53,7 +53,7 @@ def test_e_apils_objective_is_climbed_by_the_policy_gradient_on_eta(scene: Scene
 
 
 def test_the_wrong_reward_is_told_apart() -> None:
-    """So the identities above can fail."""
+    """A wrong reward gives another gradient, so the identities above can fail."""
     game, rng = rock_paper_scissors(), np.random.default_rng(0)
     victim, theta = random_policy(rng, 3, 3), rng.normal(size=(3, 3))
     mine, theirs = (game.alone(ADVERSARY, victim, reward) for reward in game.rewards)
@@ -92,12 +92,12 @@ def test_the_whole_of_j_has_that_gradient_where_d_is_the_least() -> None:
 
 
 def shared_gradient(game: TabularGame, reader: np.ndarray, victim: np.ndarray, psi: np.ndarray) -> np.ndarray:
-    """Of −V_α with respect to an imitator that predicts while the victim plays."""
+    """Gradient of −V_α with respect to an imitator that predicts while the victim plays."""
     return policy_gradient(game.predicted(reader, victim, -game.rewards[ADVERSARY]), psi)
 
 
 def test_in_shared_rollouts_value_negation_teaches_only_through_what_the_adversary_reads() -> None:
-    """The victim acts, so the prediction moves the game only as far as the adversary heeds it."""
+    """The victim acts, so the prediction changes the game only through the adversary's reaction to it."""
     game, rng = rock_paper_scissors(), np.random.default_rng(3)
     victim, psi = random_policy(rng, 3, 3), rng.normal(size=(3, 3))
     deaf = np.repeat(random_policy(rng, 3, 3)[:, None], 3, axis=1)

@@ -82,7 +82,7 @@ def test_a_symmetric_range_asks_for_the_victims_occupancy(scene: Scene) -> None:
 
 
 def test_a_lopsided_range_does_not() -> None:
-    """At [1e-6, ½] an imitator that does the right thing half of the time is as good as the victim."""
+    """At [1e-6, ½] an imitator that acts correctly half of the time is as good as the victim."""
     game, rng = rock_paper_scissors(), np.random.default_rng(2)
     victim = np.eye(3)[[0, 1, 2]]
     asked = Imitation(game, victim, random_policy(rng, 3, 3), low=1e-6, high=0.5, beta=0.0)

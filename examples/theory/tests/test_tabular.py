@@ -1,4 +1,4 @@
-"""Tabular games and policies: hand arithmetic, and what must hold in every one."""
+"""Tabular games and policies: hand arithmetic, and properties that hold in all of them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_values_by_hand() -> None:
 
 
 def test_rock_paper_scissors_by_hand() -> None:
-    """Paper against rock: one tie that costs ¼, then α wins for ever: −¼ + 0.9 / 0.1 · 1 = 8.75."""
+    """Paper against rock: one tie that costs ¼, then α wins every round: −¼ + 0.9 / 0.1 · 1 = 8.75."""
     game = rock_paper_scissors()
     rock, paper = np.tile([1.0, 0.0, 0.0], (3, 1)), np.tile([0.0, 1.0, 0.0], (3, 1))
     assert game.alone(ADVERSARY, rock, game.rewards[ADVERSARY]).value(paper) == pytest.approx(8.75)
