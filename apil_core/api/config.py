@@ -105,7 +105,7 @@ class PPOConfig(Section):
     init_std: Annotated[float, Field(gt=0)] = 1.0
     """Standard deviation of the untrained policy's actions, in that unit."""
     critic_observes: Literal["own", "both"] = "own"
-    """What critics are given: the adversary's observation, or also the victim's and the time left."""
+    """Input of the critics: the adversary's observation, or also the victim's and the time left."""
     noise: Literal["white", "ar1", "coloured"] = "white"
     """Exploration: each step's draw by itself, or correlated over a game; evaluations draw white."""
     noise_correlation: Annotated[float, Field(ge=0, lt=1)] = 0.8
@@ -117,12 +117,12 @@ class PPOConfig(Section):
 
 
 class StopConfig(Section):
-    """When training ends before its budget is used up; looked at after each evaluation during training."""
+    """Early stopping, before the budget is used up; checked after each evaluation during training."""
 
     win_rate_above: Annotated[float, Field(ge=0, lt=1)] | None = None
-    """The whole 95 % interval of the win rate lies above this; null: never."""
+    """Stop when the whole 95 % interval of the win rate is above this; null: never."""
     no_gain_in: Annotated[int, Field(gt=0)] | None = None
-    """This many evaluations have won no more than an earlier one; null: never."""
+    """Stop after this many evaluations without a higher win rate than an earlier one; null: never."""
 
 
 class EvaluationConfig(Section):
@@ -148,12 +148,12 @@ class EvaluationConfig(Section):
 
 
 class CheckpointConfig(Section):
-    """What is kept so that nothing is lost."""
+    """Checkpoints, from which a run resumes."""
 
     every_iterations: Annotated[int, Field(gt=0)] = 10
     """PPO iterations between checkpoints (one is always written at the end and on Ctrl-C)."""
     keep: Annotated[int, Field(gt=0)] = 2
-    """How many of the newest checkpoints stay on disk."""
+    """Number of newest checkpoints kept on disk."""
 
 
 class RunConfig(Section):
@@ -170,9 +170,9 @@ class RunConfig(Section):
     victim_sha256: str = ""
     """SHA-256 of the victim's weights when the run began (filled in by the run); resuming refuses others."""
     trust: bool = False
-    """Allow a victim whose loading runs code, e.g. python:...; in Python: in a file it counts for nothing."""
+    """Allow a victim whose loading runs code, e.g. python:...; only set from Python: ignored in a file."""
     victim_side: Literal[0, 1] | None = None
-    """Which side is attacked; null: the game's default."""
+    """Index of the attacked side; null: the game's default."""
     victim_actions: ActionMode = "sample"
     """Draw the victim's actions during training, or take the mode."""
     steps: Annotated[int, Field(gt=0)] = 35_000_000
@@ -184,7 +184,7 @@ class RunConfig(Section):
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
     """Seed of everything random."""
     device: str = "cpu"
-    """Where the networks live: cpu, cuda or cuda:N (physics is always on the CPU)."""
+    """Device of the networks: cpu, cuda or cuda:N (physics is always on the CPU)."""
     reward: RewardConfig = RewardConfig()
     ppo: PPOConfig = PPOConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
@@ -194,7 +194,7 @@ class RunConfig(Section):
     options: dict[str, dict[str, Any]] = {}
     """Options per method and observer, e.g. options.apil.prediction; checked by each plugin's own model."""
     recorders: tuple[str, ...] = ("jsonl", "tensorboard")
-    """Where metrics go."""
+    """Recorders of metrics."""
     log_rows: Annotated[int, Field(gt=0)] = 10_000
     """Rows of metrics at most, evaluations aside: a run of more iterations merges several into each row."""
     observers: tuple[str, ...] = ()

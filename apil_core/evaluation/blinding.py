@@ -1,7 +1,7 @@
 """Hiding the opponent from the adversary, or from the victim (docs/methods.md §4).
 
-How much of a score rests on the adversary seeing its opponent? And how much on the victim seeing the
-adversary: what is won through the victim's eyes is what makes an attack adversarial (Gleave et al. 2020, §5).
+Blinding measures how much of a score depends on the adversary seeing its opponent, or on the victim seeing
+the adversary: wins through the victim's observation make an attack adversarial (Gleave et al. 2020, §5).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ STARTS = 1024
 """Starting states behind a typical value, at least."""
 
 _SEED, _STREAM = 0, "blinding starts"
-# not the evaluation's seed: what stands in for the opponent belongs to the game, not to the games played
+# not the evaluation's seed: the replacement depends on the game, not on the games played
 
 
 def make_blinding(pairing: Pairing, mode: BlindMode, side: int, *, imitator: bool = False) -> Blinding:
@@ -33,9 +33,9 @@ def make_blinding(pairing: Pairing, mode: BlindMode, side: int, *, imitator: boo
     Args:
         pairing: its game names the channels about the opponent.
         mode: ``"zeros"``, or ``"initial"``: their mean over many starting states. (A game's own start
-            would tell for all of the game where the opponent stood.)
-        side: who is blinded.
-        imitator: hide the opponent's observation and action too, which methods may read besides.
+            would reveal the opponent's initial position throughout the game.)
+        side: the blinded side.
+        imitator: hide the opponent's observation and action too, which methods may also read.
 
     Raises:
         ConfigError: the game names no such channels.

@@ -45,7 +45,7 @@ def _line(item: dict[str, Any], problem: Problem) -> str:
 
 
 class PairingOptions(OptionSet):
-    """How two players are loaded, and what they play."""
+    """Options for loading two players and their game."""
 
     env: str | None = None
     """Game; needed unless ADVERSARY is a run [default: the run's]."""
@@ -77,17 +77,17 @@ class PairingOptions(OptionSet):
     threads: Annotated[int, Field(ge=0)] = 0
     """Physics threads; 0: all CPUs. Never changes results."""
     device: str = "cpu"
-    """Where the networks live: cpu, cuda or cuda:N."""
+    """Device of the networks: cpu, cuda or cuda:N."""
     trust: bool = False
     """Allow players whose loading runs code, e.g. python:...; in Python: the command line has --trust."""
     like: InstanceOf[RunConfig] | None = None
-    """Run in place of whose adversary a policy plays that no run trained: its game, victim and settings."""
+    """Run whose game, victim and settings apply to an adversary that no run trained."""
     plugins: InstanceOf[PluginRegistry] | None = None
     """Registry to use [default: installed plugins, and the one-file plugins of the runs]."""
 
 
 class EvaluationOptions(PairingOptions):
-    """How an adversary is scored."""
+    """Options for scoring an adversary."""
 
     episodes: Annotated[int, Field(ge=1)] = 1000
     """Games to play; 1000 give ± 3 points at 50 %."""

@@ -36,10 +36,10 @@ _PACKAGES = ("apil", "mujoco", "torch", "numpy")
 
 @dataclass
 class Pairing:
-    """Who plays what against whom. Use it in ``with``, or call :meth:`close`.
+    """An adversary, a victim and their game. Use it in ``with``, or call :meth:`close`.
 
     Attributes:
-        config: the adversary's run's (a named policy: the defaults), adjusted to what was asked for.
+        config: the adversary's run's (a named policy: the defaults), with the given options applied.
         game: not yet seeded.
         adversary, victim: the players.
         side: index of the adversary's seat.
@@ -57,11 +57,11 @@ class Pairing:
 
     @property
     def device(self) -> torch.device:
-        """Where the networks live."""
+        """Device of the networks."""
         return torch.device(self.config.device)
 
     def players(self, seed: int) -> Players:
-        """Both in their seats, each with its action mode and a generator of its own."""
+        """Both players by seat, each with its action mode and its own generator."""
         modes = self.config.evaluation
         generators = self.generators(seed, "evaluation seat")
         who = {

@@ -125,13 +125,13 @@ def play(
 
 @dataclass(frozen=True)
 class Blinding:
-    """Replacement of what a player sees of its opponent: the same in every game and step.
+    """Replacement of a player's information on its opponent, constant over games and steps.
 
     Attributes:
         hidden: (o,) bool, the columns of its own observation that are replaced.
-        own: (o,) float32, what stands in those columns; the others are not read.
-        opponent: (o',) float32, what stands in place of the opponent's observation, and zeros in place
-            of its action; ``None``: both stay as they are.
+        own: (o,) float32, values of those columns; the others are not read.
+        opponent: (o',) float32, replaces the opponent's observation, and zeros its action; ``None``: both
+            are unchanged.
     """
 
     hidden: Tensor

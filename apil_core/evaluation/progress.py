@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class Progress:
-    """Base and silent default: override what you want to show.
+    """Base class and silent default: override the callbacks to show.
 
     ``metrics`` of :meth:`iteration` hold (among the methods' own, ``<plugin>/<name>``):
     ``iteration``, ``steps``, ``total_steps``, ``wall_seconds``, ``steps_per_second``,
@@ -23,7 +23,7 @@ class Progress:
     """
 
     def started(self, config: RunConfig, run_dir: Path, victim: str, steps_done: int) -> None:
-        """The run is built and begins (or goes on at ``steps_done``)."""
+        """The run is built and starts (or resumes at ``steps_done``)."""
 
     def iteration(self, metrics: dict[str, float]) -> None:
         """An iteration ended."""

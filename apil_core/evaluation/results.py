@@ -18,7 +18,7 @@ _Score = TypeVar("_Score", bound="MatchSetup")
 
 
 class PolicyId(BaseModel):
-    """Who played."""
+    """One player."""
 
     name: str
     sha256: str
@@ -30,7 +30,7 @@ class PolicyId(BaseModel):
 
 
 class MatchSetup(BaseModel):
-    """Who played what against whom, and how: base of everything that reports played games."""
+    """Players, game and settings: base of everything that reports played games."""
 
     model_config = EXACT
 
@@ -46,9 +46,9 @@ class MatchSetup(BaseModel):
     trained_steps: int | None = None
     game_options: dict[str, Any]
     game_settings: dict[str, Any] = {}
-    """What the options came to where a physics profile filled them in; scores from before have none."""
+    """Options with the physics profile's values filled in; older scores have none."""
     observers: dict[str, dict[str, Any]] | None = None
-    """What was switched on beside the method, with its options; ``None`` in scores from before they told."""
+    """Observers that were switched on, with their options; ``None`` in scores from before this field."""
     versions: dict[str, str]
 
     @property
@@ -97,7 +97,7 @@ def wilson(count: int, total: int) -> Rate:
 
 
 def told(score: _Score, config: RunConfig) -> _Score:
-    """``score`` of a run, with its observers filled in where it is from before scores told them."""
+    """``score`` of a run, with its observers filled in if it is from before scores stored them."""
     known = score.observers is not None
     return score if known else score.model_copy(update={"observers": observers_played(config)})
 

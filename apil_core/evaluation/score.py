@@ -19,7 +19,7 @@ from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult, wilson
 
 MAX_PARALLEL_GAMES = 128
-"""Slots of an evaluation unless asked otherwise. Fixed, so that a seed gives the same games anywhere."""
+"""Default number of parallel games of an evaluation; fixed, so that a seed gives the same games anywhere."""
 
 
 def score(
@@ -94,17 +94,17 @@ def evaluate(
 
     Args:
         adversary: a run directory, or a policy name such as ``"zoo:kick-and-defend/defender/v1"``.
-        options: :class:`.evaluation.options.EvaluationOptions` say what there is; default: none are stated.
+        options: see :class:`.evaluation.options.EvaluationOptions`; default: none.
         progress: called as games end.
         changes: single options, over ``options``: ``episodes`` (1000), ``seed`` (0), ``env``, ``victim``,
             ``victim_actions``, ``game_options``, ``num_envs`` (part of what a seed means; default 128 or
             ``episodes``) and the like. ``blind`` hides the opponent from the adversary (``"zeros"``, or
             ``"initial"``, the mean of many starting states), ``blind_imitator`` from its methods too;
-            ``blind_victim`` hides the adversary from the victim: what then is still won was not won by
-            what the victim saw of its adversary.
+            ``blind_victim`` hides the adversary from the victim: the remaining wins do not depend on the
+            victim's observation of its adversary.
 
     Raises:
-        ApilError: anything wrong with the names, files or sizes given.
+        ApilError: names, files or sizes are wrong.
     """
     asked = EvaluationOptions.of(options, **changes)
     games = asked.num_envs or min(asked.episodes, MAX_PARALLEL_GAMES)

@@ -10,6 +10,6 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 
 Rows = slice | NDArray[np.intp]
-"""Which games: ``slice(None)`` for all (gives views), or indices (gives copies)."""
+"""Selection of games: ``slice(None)`` for all (gives views), or indices (gives copies)."""
 
 ALL = slice(None)

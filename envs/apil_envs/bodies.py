@@ -64,7 +64,7 @@ def add_body(
 ) -> mujoco.MjsBody:
     """Add a body and all below it; returns it. ``legacy`` gives every body an explicit inertial."""
     frame = {key: tree[key] for key in ("pos", "quat", "euler") if key in tree}
-    # the ant's feet have no names of their own
+    # the ant's feet are unnamed
     name = tree["name"] if tree["name"] != "unnamed" else parent.name.removeprefix(prefix) + "_end"
     body = parent.add_body(name=prefix + name, **frame)
     for joint in tree["joints"]:

@@ -20,7 +20,7 @@ from apil_envs.scene import TOUCH, Scene, build_scene
 from apil_envs.stopwatch import BatchStopwatch
 
 GOES_ON = -1
-"""Value of :attr:`Verdict.cause` while a game goes on."""
+"""Value of :attr:`Verdict.cause` until a game ends."""
 
 START_NOISE = 0.1
 """Half width of the noise on starting positions, and deviation of starting velocities."""
@@ -45,10 +45,10 @@ class Verdict:
 
 
 class MujocoGame(Game):
-    """Steps the physics, asks the rules, assembles observations, keeps the clock.
+    """Base of the MuJoCo games: steps the physics, applies the rules, assembles observations, counts steps.
 
     Subclasses set the four class attributes and implement :meth:`observation_blocks`, :meth:`judge` and
-    :meth:`move_rewards`, and what else they need of :meth:`set_up`, :meth:`place` and :meth:`rule_state`.
+    :meth:`move_rewards`, and as needed :meth:`set_up`, :meth:`place` and :meth:`rule_state`.
 
     Args:
         num_envs: number of games, n.
@@ -56,15 +56,15 @@ class MujocoGame(Game):
         options: of the game; default: those of ``options_model``.
 
     Attributes:
-        scene: what to build, or the name of a scene in ``bodies.json``.
+        scene: description of the scene, or the name of one in ``bodies.json``.
         side_names: of side 0 and 1.
         causes: ways a game can end, the last of them :data:`DIVERGED`.
-        touch: two bodies whose contact (with all that hangs on them) is :attr:`touching`, or ``None``.
+        touch: two bodies whose contact (descendant bodies included) is :attr:`touching`, or ``None``.
         options: as given.
         physics: the simulations.
         robots: both sides' live views.
         clock: steps played in each game, (n,) int32.
-        raw_actions: of both sides in this step, as they came, not clipped, each (n, actions).
+        raw_actions: of both sides in this step, not clipped, each (n, actions).
     """
 
     scene: Scene | str
@@ -96,16 +96,16 @@ class MujocoGame(Game):
     # --- what a game fills in
 
     def set_up(self) -> None:
-        """Make state of the game's own. Called once, when ``physics`` and ``robots`` exist."""
+        """Create game-specific state. Called once, after ``physics`` and ``robots`` are created."""
 
     @abstractmethod
     def observation_blocks(self, side: int) -> list[Block]:
         """The blocks of a side's observation, in order. Called once, from the constructor."""
 
     def place(self, rows: Array, rng: np.random.Generator) -> None:
-        """Start new games in ``rows`` (indices): write qpos and qvel, clear rule state of its own.
+        """Start new games in ``rows`` (indices): write qpos and qvel, clear the game's rule state.
 
-        Unless extended, everyone starts in the scene's pose plus noise: U(−0.1, 0.1) on every position
+        By default all bodies start in the scene's pose plus noise: U(−0.1, 0.1) on every position
         coordinate (quaternions too: they are normalised afterwards), N(0, 0.1) on every velocity.
         """
         n, default = len(rows), self.physics.model.qpos0
@@ -121,19 +121,19 @@ class MujocoGame(Game):
         """Dense and shaping rewards, each (2, n).
 
         Args:
-            moved: way of both mass centres in this step, (2, n, 3), m.
-            verdict: what :meth:`judge` said.
+            moved: displacement of both mass centres in this step, (2, n, 3), m.
+            verdict: result of :meth:`judge`.
         """
 
     def rule_state(self) -> dict[str, Array]:
-        """Live arrays of the game's own that a checkpoint must keep, each with n rows."""
+        """Live arrays of game-specific state that checkpoints store, each with n rows."""
         return {}
 
-    # --- what a game may ask
+    # --- queries for subclasses
 
     @property
     def touching(self) -> Array:
-        """Whether the two bodies of ``touch`` are in contact at a distance below 0, (n,) bool."""
+        """True where the two bodies of ``touch`` are in contact at a distance below 0, (n,) bool."""
         assert self._touch is not None, "this game names no bodies in `touch`"
         return (self._touch[:, 0] > 0) & (self._touch[:, 1] < 0)
 

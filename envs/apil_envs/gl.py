@@ -20,7 +20,7 @@ _BLOCKING = (
     *("PYOPENGL_PLATFORM", "EGL_PLATFORM", "MUJOCO_EGL_DEVICE_ID", "EGL_DEVICE_ID"),
     *("__EGL_VENDOR_LIBRARY_FILENAMES", "__EGL_VENDOR_LIBRARY_DIRS", "LIBGL_DRIVERS_PATH", "GALLIUM_DRIVER"),
 )
-"""Variables that keep an OpenGL that is there from being used."""
+"""Variables that can prevent the use of an installed OpenGL."""
 _TRIAL = """
 import mujoco
 model = mujoco.MjModel.from_xml_string("<mujoco/>")
@@ -34,12 +34,12 @@ _PATIENCE = 60.0  # seconds; a trial takes about one
 
 
 def has_screen() -> bool:
-    """Whether the environment names a screen to open windows on."""
+    """True if the environment names a display to open windows on."""
     return sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
 def wanted() -> tuple[str, ...]:
-    """Backends to try, in order: the user's ``MUJOCO_GL`` alone, or whatever may work here."""
+    """Backends to try, in order: the user's ``MUJOCO_GL`` alone, or all that may work here."""
     asked = os.environ.get("MUJOCO_GL", "").lower().strip()
     if asked in BACKENDS:
         return (asked,)
@@ -50,10 +50,10 @@ def prepare() -> None:
     """Make :class:`mujoco.Renderer` use a backend that works here; called before the first renderer.
 
     Raises:
-        ApilError: none works; says what was tried and what to install.
+        ApilError: none works; states the backends tried and what to install.
     """
     if sys.platform != "linux":
-        return  # MuJoCo's own choice needs nothing that is not there
+        return  # MuJoCo's default works here
     backend = _first_working(wanted())
     # MuJoCo binds the backend when it is first imported, long before the first picture
     holder: Any = importlib.import_module("mujoco.rendering.classic.gl_context")
@@ -74,9 +74,9 @@ def _first_working(backends: tuple[str, ...]) -> str:
 
 
 def works(backend: str, without: str = "") -> bool:
-    """Try to draw something with that backend, in a process of its own, perhaps without a variable.
+    """Try to render with that backend in a separate process, optionally without a variable.
 
-    The libraries of two backends in one process disturb each other, and a broken driver may end it.
+    The libraries of two backends in one process conflict, and a broken driver may crash it.
     """
     environment = {name: value for name, value in os.environ.items() if name != without}
     command = [sys.executable, "-P", "-c", _TRIAL]

@@ -81,7 +81,7 @@ class KickAndDefend(MujocoGame):
         self.touched = np.zeros(self.num_envs, bool)
 
     def observation_blocks(self, side: int) -> list[Block]:
-        """384 columns; positions are without the own x and y, the ball's velocity is not seen."""
+        """384 columns; positions exclude the own x and y, the ball's velocity is not included."""
         own, other = self.robots[side], self.robots[1 - side]
         return [
             copied("position", own.qpos[:, 2:]),
@@ -118,7 +118,7 @@ class KickAndDefend(MujocoGame):
         return decide(self.ball.position, self.ball.velocity, self.heights, keeper_x, self.touched, time_up)
 
     def move_rewards(self, moved: Array, verdict: Verdict) -> tuple[Array, Array]:
-        """See docs/games.md; shaping adds the ball's distance to the goal plane while the game goes on."""
+        """See docs/games.md; shaping adds the ball's distance to the goal plane until the game ends."""
         kicker, keeper = self.robots
         costs = [
             moves.control_cost(robot.ctrl) + moves.contact_cost(robot.contact_force) for robot in self.robots
@@ -139,5 +139,5 @@ class KickAndDefend(MujocoGame):
         return dense, dense + np.stack([-to_goal, to_goal])
 
     def rule_state(self) -> dict[str, Array]:
-        """Whether the keeper touched the ball."""
+        """True where the keeper touched the ball."""
         return {"touched": self.touched}

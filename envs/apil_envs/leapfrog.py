@@ -1,6 +1,6 @@
 """MuJoCo's semi-implicit Euler made second-order, with one evaluation of the forces per substep.
 
-Plain Euler is wrong in first order in the timestep h, and the pretrained agents notice (docs/fidelity.md).
+Plain Euler has a first-order error in the timestep h, which changes the agents' scores (docs/fidelity.md).
 Three sources of that error can be removed without computing anything more:
 
 - **Positions.** ``v += h a(x)``, ``x += h v`` is the leapfrog scheme, of second order, if ``x`` is read as
@@ -26,7 +26,7 @@ _CONSTRAINTS = ("geom", "jnt", "pair")
 def tune(model: mujoco.MjModel) -> None:
     """Set damping, contacts and limits of a model for steps of its own timestep; changes it in place.
 
-    What MuJoCo derives from the inertia to soften contacts (``invweight0``) keeps its compiled values.
+    The softness of contacts that MuJoCo derives from the inertia (``invweight0``) keeps its compiled values.
     """
     step = float(model.opt.timestep)
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER

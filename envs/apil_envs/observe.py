@@ -23,7 +23,7 @@ class Block:
         size: number of columns.
         fill: called as ``fill(rows, out)``; writes the block of these games into ``out``
             (len(rows), size), float32.
-        about_opponent: columns of the block, counted from its start, that tell about the opponent.
+        about_opponent: columns of the block, counted from its start, that depend on the opponent.
     """
 
     name: str
@@ -86,7 +86,7 @@ class Observer:
     Attributes:
         size: columns.
         blocks: name to columns, in order, without gaps.
-        opponent_channels: columns that tell about the opponent.
+        opponent_channels: columns that depend on the opponent.
     """
 
     def __init__(self, blocks: Sequence[Block], num_envs: int):

@@ -11,7 +11,7 @@ from pydantic import Field
 from apil_core import ProfiledOptions
 
 InertiaRule = Literal["legacy", "modern"]
-"""How a capsule is weighed; see :mod:`apil_envs.inertia`."""
+"""Rule for the mass of a capsule; see :mod:`apil_envs.inertia`."""
 
 Solver = Literal["PGS", "Newton"]
 Integrator = Literal["RK4", "Euler", "implicitfast", "leapfrog"]
@@ -20,15 +20,15 @@ Integrator = Literal["RK4", "Euler", "implicitfast", "leapfrog"]
 
 @dataclass(frozen=True)
 class PhysicsProfile:
-    """What decides the cost of a control step. Released numbers never change under a profile's name.
+    """Settings that determine the cost of a control step. Values of a released profile never change.
 
     Attributes:
         solver: of the constraints.
-        integrator: of time.
+        integrator: over time.
         timestep: of one physics substep, s.
-        substeps: of one control step.
-        refresh: recompute what depends on position and velocity after the last substep. RK4 leaves it at the
-            new state anyway, the others up to a substep behind.
+        substeps: per control step.
+        refresh: recompute fields that depend on position and velocity after the last substep. RK4 leaves them
+            at the new state anyway, the others up to a substep behind.
     """
 
     solver: Solver
@@ -42,11 +42,11 @@ _FAITHFUL = PhysicsProfile("PGS", "RK4", 0.003, 5, refresh=False)
 _FAST = PhysicsProfile("Newton", "leapfrog", 0.003, 5, refresh=False)
 """The cheapest setting measured that keeps the published agents' win and tie rates (docs/fidelity.md)."""
 _FAST_RUNNERS = replace(_FAST, timestep=0.0025, substeps=6)
-"""Humanoids that run feel the timestep more than the others."""
+"""Running humanoids are more sensitive to the timestep than the others."""
 
 
 class PhysicsOptions(ProfiledOptions):
-    """How the physics is computed; the defaults are the physics the pretrained agents know."""
+    """Physics settings; the defaults are the physics the pretrained agents were trained in."""
 
     profiles: ClassVar[Mapping[str, PhysicsProfile]] = {"faithful": _FAITHFUL, "fast": _FAST}
 
@@ -63,11 +63,11 @@ class PhysicsOptions(ProfiledOptions):
     refresh: bool | None = None
     """Recompute derived quantities after the last substep; null: as the profile says."""
     max_steps: Annotated[int, Field(gt=0)] = 500
-    """Control steps after which a game's time is up."""
+    """Control steps until time-out."""
 
     @property
     def resolved(self) -> PhysicsProfile:
-        """The profile with the values that these options state themselves in place of its own."""
+        """The profile with its values overridden by those set in these options."""
         return PhysicsProfile(**self.profile_values())
 
 

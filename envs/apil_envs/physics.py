@@ -38,21 +38,21 @@ mujoco.set_mju_user_warning(_tell)
 class Physics:
     """``num_envs`` simulations stepped by a thread pool, bit-identical at any thread count.
 
-    Derived fields (everything but qpos, qvel and ctrl) are as the last substep left them, just as the
-    original games read them: nothing here runs a forward pass after a step, unless the profile refreshes
-    what depends on position and velocity.
+    Derived fields (everything but qpos, qvel and ctrl) are those of the last substep, as in the original
+    games: there is no forward pass after a step, unless the profile refreshes the fields that depend on
+    position and velocity.
 
     Args:
         model: the compiled scene.
         num_envs: number of simulations.
         threads: of the pool (0: all CPUs).
-        profile: that the scene was compiled for.
+        profile: the scene was compiled for.
 
     Attributes:
         model: as given.
         num_envs: number of simulations.
         qpos, qvel, ctrl: live state, (num_envs, nq | nv | nu), float64. Under leapfrog qpos is a copy, moved
-            back by half a substep; what is written to it reaches the simulation in :meth:`forward`.
+            back by half a substep; writes to it are applied by :meth:`forward`.
     """
 
     def __init__(self, model: mujoco.MjModel, num_envs: int, threads: int, profile: PhysicsProfile):
@@ -79,14 +79,14 @@ class Physics:
         return self._batch.bind(name).reshape(self.num_envs, -1)
 
     def sensor(self, name: str) -> Array:
-        """Live view of one sensor's numbers, (num_envs, k)."""
+        """Live view of one sensor's values, (num_envs, k)."""
         sensor = self.model.sensor(name)
         return self._batch.bind("sensordata")[:, sensor.adr[0] : sensor.adr[0] + sensor.dim[0]]
 
     def expand(self, name: str) -> Array:
-        """Give a model field one value per simulation; returns them, live and writable, (num_envs, ...).
+        """Make a model field one value per simulation; returns them, live and writable, (num_envs, ...).
 
-        Constants that MuJoCo derived from the compiled value (bounding radii, masses) do not follow.
+        Constants that MuJoCo derived from the compiled value (bounding radii, masses) are not updated.
         """
         return self._batch.expand(name)
 
@@ -104,7 +104,7 @@ class Physics:
         before = self._batch.warning[:, _BAD, 1].sum(1)
         self._batch.step(active, nstep=self._substeps, stage=self._stage)
         diverged = self._batch.warning[:, _BAD, 1].sum(1) > before
-        # MuJoCo looks at the state when the next substep begins, too late for the last one
+        # MuJoCo checks the state at the start of the next substep, too late for the last one
         broken = ~np.isfinite(self._batch.state.sum(1))
         if broken.any():
             self.clear(broken)
@@ -113,7 +113,7 @@ class Physics:
         return diverged | broken
 
     def stopwatch(self) -> BatchStopwatch:
-        """Times what :meth:`step` asks of MuJoCo, alone: it listens to the batch."""
+        """Timer of the MuJoCo calls in :meth:`step` alone: it wraps the batch's."""
         return BatchStopwatch(self._batch)
 
     def clear(self, mask: Array | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Plugin of this package: its games and its scripted victim. Imports neither torch nor mujoco."""
+"""Plugin with this package's games and scripted victim. Imports neither torch nor mujoco."""
 
 from __future__ import annotations
 

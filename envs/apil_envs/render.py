@@ -12,7 +12,7 @@ from apil_envs.looks import GOAL
 from apil_envs.physics import Physics
 
 RING = "arena"
-"""Name of the geom that is kept in view as a whole, if a scene has it."""
+"""Name of the geom that is always entirely in view, if a scene has it."""
 
 LARGEST = 4096
 """Pixels a picture may be wide or high."""
@@ -21,10 +21,10 @@ _AZIMUTH, _ELEVATION = 90.0, np.radians(-22.0)  # from the side, x to the right,
 _RIGHT = np.array([1.0, 0.0, 0.0])
 _FORWARD = np.array([0.0, np.cos(_ELEVATION), np.sin(_ELEVATION)])
 _UP = np.array([0.0, -np.sin(_ELEVATION), np.cos(_ELEVATION)])
-_EYES = 0.8  # height the camera looks at, at least, m
+_EYES = 0.8  # least height of the camera's target, m
 _NEAREST = 2.9  # half width of what is always in view, m
 _FIELD = np.array([[-5.0, -4.5, 0.0], [5.0, 4.5, 2.6]])  # what leaves it is not followed, m
-_BESIDE, _ABOVE, _EDGE = 1.1, 1.1, 0.3  # room around players and ball, and around ring and goal, m
+_BESIDE, _ABOVE, _EDGE = 1.1, 1.1, 0.3  # margin around players and ball, and around ring and goal, m
 _LIT = 10.0  # half width of the square in which things cast shadows, m
 _SHADOW_PIXELS = 2048
 
@@ -34,7 +34,7 @@ class Scenery:
 
     Args:
         physics: the simulations.
-        row: which of them.
+        row: index of the simulation.
         colours: of side 0 and 1.
 
     Attributes:
@@ -74,12 +74,12 @@ class Scenery:
         slope = np.tan(np.radians(self.model.vis.global_.fovy / 2))
         across = (np.abs(offsets @ _RIGHT) + room[:, 0]) / (slope * aspect)
         upright = (np.abs(offsets @ _UP) + room[:, 1]) / slope
-        enough = np.maximum(across, upright) - offsets @ _FORWARD  # what is further away looks smaller
+        enough = np.maximum(across, upright) - offsets @ _FORWARD  # distant objects appear smaller
         self.camera.lookat[:] = centre
         self.camera.distance = max(_NEAREST / (slope * aspect), enough.max())
 
     def _in_view(self) -> tuple[Array, Array]:
-        """Points that must be in view, (k, 3), and the room beside and above each, (k, 2), m."""
+        """Points that must be in view, (k, 3), and the margin beside and above each, (k, 2), m."""
         points = np.clip(self.data.xpos[self._movers], *_FIELD)
         room = np.full((len(points), 2), (_BESIDE, _ABOVE))
         places = self._ring_edge()
@@ -128,7 +128,7 @@ class Painter:
 
 
 class Studio:
-    """Keeps what is costly to make: one scenery, and a painter for each size asked for."""
+    """Cache of objects that are costly to create: one scene, and a renderer for each size requested."""
 
     def __init__(self, physics: Physics):
         self._physics = physics

@@ -56,7 +56,7 @@ class RunToGoal(MujocoGame):
 
     @abstractmethod
     def down(self) -> Array:
-        """Which runner is down, (2, n) bool."""
+        """True where a runner is down, (2, n) bool."""
 
     @abstractmethod
     def run(self, side: int, moved: Array) -> Array:

@@ -48,7 +48,7 @@ class Scene:
         body: ``"humanoid"`` or ``"ant"``, for both sides.
         agents: ``pos`` (m) and ``euler`` (degrees) of each side's root.
         geoms: the arena: keys as MuJoCo's geom attributes, ``type`` one of plane, sphere, capsule,
-            cylinder, box. What they lack is MuJoCo's own default.
+            cylinder, box. Missing keys have MuJoCo's defaults.
         ball: further free bodies.
     """
 

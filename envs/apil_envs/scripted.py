@@ -1,4 +1,4 @@
-"""Victims written by hand instead of trained; loaded under the scheme ``scripted``."""
+"""Scripted victims, not trained; loaded under the scheme ``scripted``."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ PROVENANCE = {"kind": "scripted", "source": "apil_envs/scripted.py"}
 
 
 def source_hash() -> str:
-    """SHA-256 of this file: the scripts are their own weights."""
+    """SHA-256 of this file, which takes the place of weights."""
     return hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
 
 
 class ToyEvader(Policy):
-    """Runs for the gate and swerves when the pursuer is near, always to its own left: that is its habit."""
+    """Runs for the gate and swerves when the pursuer is near, always to its own left: an exploitable bias."""
 
     STD = 0.3
     ALERT = 0.45  # distance at which it begins to swerve, disc radii

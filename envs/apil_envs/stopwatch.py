@@ -82,7 +82,7 @@ class BatchStopwatch(PhysicsStopwatch):
         self._calls = []
 
     def _step(self, *arguments: Any, **keywords: Any) -> None:
-        """In place of the batch's own step while recording."""
+        """Replacement of the batch's step while recording."""
         begin = time.perf_counter()
         fields = {name: self._batch.expand(name).copy() for name in self._fields}
         kept = tuple(_kept(value) for value in arguments)

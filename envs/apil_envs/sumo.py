@@ -71,10 +71,10 @@ def decide(
 
 
 class Sumo(MujocoGame):
-    """Base of both sumo games; both sides see and do the same.
+    """Base of both sumo games; both sides have the same observations and actions.
 
     Attributes:
-        ring: smallest and largest radius of the ring, m; drawn anew for every game.
+        ring: smallest and largest radius of the ring, m; drawn for every game.
         fallen, standing: heights above the ring, m.
         radius: of every game's ring, live, (n,).
         touched: the two touched in this game, (n,) bool.
@@ -181,5 +181,5 @@ class SumoAnts(Sumo):
     body_blocks = staticmethod(ant_blocks)
 
     def costly_actions(self, side: int) -> Array:
-        """Ants pay for what they asked for, clipped or not."""
+        """Control cost of ants, on unclipped actions."""
         return self.raw_actions[side]

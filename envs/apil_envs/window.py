@@ -10,7 +10,7 @@ from apil_envs import gl
 from apil_envs.physics import Physics
 from apil_envs.render import Scenery
 
-_ASPECT = 4 / 3  # of the first view; the window's own shape is not known
+_ASPECT = 4 / 3  # of the first view; the window's aspect ratio is unknown
 
 
 class ViewerWindow(Window):
@@ -35,7 +35,7 @@ class ViewerWindow(Window):
             self._viewer = mujoco.viewer.launch_passive(
                 self._scenery.model, self._scenery.data, show_left_ui=False, show_right_ui=False
             )
-        except RuntimeError as error:  # macOS wants another interpreter, and says which
+        except RuntimeError as error:  # macOS requires another interpreter; the error names it
             raise ApilError(f"cannot open a window: {' '.join(str(error).split())}") from error
         self._scenery.aim(_ASPECT)
         with self._viewer.lock():

@@ -1,4 +1,4 @@
-"""You-shall-not-pass: a runner tries to reach a line that a blocker keeps it from."""
+"""You-shall-not-pass: a runner tries to reach a line, a blocker tries to prevent it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def decide(runner_x: Array, heights: Array, time_up: Array) -> Verdict:
     cause = np.select(endings, range(len(endings)), GOES_ON).astype(np.int8)
     passed, down, late = (cause == ending for ending in (PASSED, RUNNER_DOWN, TIME_UP))
     winner = np.select([passed, down | late], [RUNNER, BLOCKER], NO_WINNER).astype(np.int8)
-    # a blocker that lies down itself, or only waited, wins without a prize
+    # a blocker that is down itself, or only waited, wins without a reward
     blocker = PRIZE * (down & (heights[BLOCKER] > DOWN)) - PRIZE * passed
     runner = PRIZE * passed - PRIZE * (down | late)
     return Verdict(cause, winner, np.stack([blocker, runner]))
@@ -56,7 +56,7 @@ class YouShallNotPass(MujocoGame):
         return decide(self.robots[RUNNER].centre[:, 0], self.heights, self.clock >= self.max_steps)
 
     def move_rewards(self, moved: Array, verdict: Verdict) -> tuple[Array, Array]:
-        """See docs/games.md; shaping pays the blocker for the runner's way left, until it passes."""
+        """See docs/games.md; shaping rewards the blocker for the runner's distance left, until it passes."""
         blocker, runner = self.robots
         actions = self.raw_actions
         standing = moves.survive(blocker.height >= moves.STANDING)

@@ -39,13 +39,13 @@ def crossplay(
             pairings, and the same as of :func:`evaluate`; ``num_envs`` (part of what a seed means) is 128
             or ``episodes`` unless stated.
         episodes: games of each pairing.
-        out: where the document is kept after every pairing. Pairings it has already are not played again.
+        out: file the document is written to after every pairing. Pairings already in it are not played again.
         command: stored in the document.
-        progress: told of the games played, over all pairings, and of each finished one.
+        progress: called with the games played, over all pairings, and for each finished one.
         changes: single options, over ``options``. Needed where runs were trained in different games.
 
     Raises:
-        ApilError: anything wrong with the names, files or sizes given, or ``out`` has other games.
+        ApilError: names, files or sizes are wrong, or ``out`` has other games.
     """
     if episodes < 1:
         raise ConfigError(f"episodes must be at least 1, got {episodes}")

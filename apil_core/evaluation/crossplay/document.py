@@ -1,4 +1,4 @@
-"""What cross-play found, as data: a score for every adversary against every victim."""
+"""Results of cross-play as data: a score for every adversary against every victim."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ SHARES: tuple[Share, ...] = get_args(Share)
 
 
 class Player(PolicyId):
-    """Who played.
+    """One player.
 
     Attributes:
-        label: what rows and columns are called.
+        label: of its row or column.
         method, seed: of the run that trained it, or ``None`` for other policies.
     """
 
@@ -57,7 +57,7 @@ class CrossPlay(JsonDocument):
 
     @property
     def complete(self) -> bool:
-        """Whether every pairing has been played."""
+        """True if every pairing has been played."""
         return all(score is not None for row in self.scores for score in row)
 
     def score(self, adversary: str, victim: str) -> EvaluationResult | None:

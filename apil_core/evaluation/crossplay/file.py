@@ -31,10 +31,10 @@ class CrossPlayFile:
 
     @contextmanager
     def lock(self) -> Iterator[None]:
-        """Keep other processes from the file.
+        """Lock the file against other processes.
 
         Raises:
-            ConfigError: another one has it.
+            ConfigError: another process holds the lock.
         """
         with locked(
             self.path.with_name(f".{self.path.name}.lock"),
@@ -47,8 +47,8 @@ class CrossPlayFile:
         """Fill ``into`` with the pairings that are in the file.
 
         Raises:
-            ConfigError: one of them was played with something else than what would be played now, or by
-                somebody who does not play now.
+            ConfigError: one of them was played with other settings than requested now, or by a player that
+                is not requested now.
         """
         stored = self._read()
         if stored is None:

@@ -23,7 +23,7 @@ TITLES: dict[Share, str] = {
 _CELL = (1.35, 0.62)  # inches
 _LETTER = 0.085  # inches, of the labels' font
 _DARK = 0.33
-"""How far from 50 % a cell may be with dark letters on it."""
+"""Largest distance from 50 % of a cell with dark text."""
 
 
 def draw_crossplay(document: CrossPlay, path: Path) -> None:

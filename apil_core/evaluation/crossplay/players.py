@@ -21,12 +21,12 @@ Names = Mapping[str, Path | str]
 
 @dataclass
 class Participants:
-    """All who play, loaded once.
+    """All players, loaded once.
 
     Attributes:
         env: the game.
-        adversaries, victims: in the order asked for.
-        options: load any of their pairings, the victim aside.
+        adversaries, victims: in the order given.
+        options: for loading any of their pairings, except the victim.
         setting: of the first adversary's games; all others play in the same one.
     """
 
@@ -43,18 +43,18 @@ def load_all(
     options: PairingOptions,
     look: Callable[[Pairing], object] | None = None,
 ) -> Participants:
-    """Load every player once and play nothing.
+    """Load every player once, without playing.
 
-    In which game is decided by the runs among the adversaries; other policies play as the first one does.
+    The runs among the adversaries determine the game; other policies play in the first one's.
 
     Args:
         adversaries, victims: runs or policy names by label.
-        options: hold for all pairings; with ``num_envs``.
-        look: shown every pairing that is loaded, with one game in it.
+        options: of all pairings; with ``num_envs``.
+        look: called with every loaded pairing, which has one game.
 
     Raises:
-        ApilError: somebody cannot be loaded or does not fit, or two runs would play in other games
-            (physics, options, action modes, seat) than each other.
+        ApilError: a player cannot be loaded or does not fit, or two runs would play in different games
+            (physics, options, action modes, seat).
     """
     for side, names in (("adversary", adversaries), ("victim", victims)):
         if not names:
@@ -98,10 +98,10 @@ def in_game_of(runs: Sequence[RunConfig], options: PairingOptions) -> PairingOpt
 
 
 def check_unchanged(player: Player, sha256: str) -> None:
-    """Whether a player is still who it was: a run may go on training meanwhile.
+    """Check that a player has not changed: a run may continue training meanwhile.
 
     Raises:
-        RunDirError: it is not.
+        RunDirError: it has changed.
     """
     if player.sha256 != sha256:
         raise RunDirError(
@@ -111,7 +111,7 @@ def check_unchanged(player: Player, sha256: str) -> None:
 
 
 def settings(each: MatchSetup, episodes: int) -> dict[str, Any]:
-    """What the games of two given players depend on."""
+    """Settings that the games of two given players depend on."""
     return {
         "episodes": episodes,
         "seed": each.seed,
@@ -125,7 +125,7 @@ def _game(each: MatchSetup) -> dict[str, Any]:
     played = each.options_played
     physics = {"physics": each.physics} if each.physics else {}
     return {
-        **physics,  # first, as it says more than the values behind it
+        **physics,  # first, as it is more informative than its values
         "adversary_actions": each.adversary_actions,
         "victim_actions": each.victim_actions,
         "adversary_side": each.adversary_side,

@@ -36,7 +36,7 @@ class RowPlan(BaseModel):
         kind: the game's defaults, the published action modes, either of them in another physics profile,
             one switch of the defaults, or a variant the user asked for.
         options: the game's options that are not at their defaults.
-        published: what to compare with.
+        published: score to compare with.
         stands_in_for: the adversary ``published`` was measured with, if it is another one.
     """
 
@@ -155,7 +155,7 @@ def plan_rows(games: Iterable[GameSpec], request: PlanRequest, missing: Callable
 def switches(model: type[BaseModel] | None, physics: Profile | None = None) -> list[dict[str, Any]]:
     """One switch at a time: the other action modes, then each other value of each flag and choice.
 
-    Numbers are not switched: a model does not say which other number would mean anything.
+    Numbers are not switched: a model does not define other meaningful values.
 
     Args:
         model: the game's option model, or ``None``.
@@ -242,7 +242,7 @@ def _base(model: type[BaseModel] | None, physics: Profile | None) -> dict[str, A
 
 
 def _told(model: type[BaseModel] | None, options: Mapping[str, Any]) -> dict[str, Any]:
-    """The options that change something: neither a default nor what the profile says anyway."""
+    """The options with an effect: neither a default nor the profile's value."""
     plain = _values(model, {})
     profile = {key: value for key, value in options.items() if key == PHYSICS and value != plain.get(key)}
     start = _values(model, profile)
@@ -262,7 +262,7 @@ def _check(request: PlanRequest) -> None:
 
 
 def _check_variants(variants: Sequence[Mapping[str, Any]], games: Sequence[GameSpec]) -> None:
-    """Hours later would be too late to hear of a wrong value."""
+    """Check values before hours of games depend on them."""
     known = {*_MODE_KEYS}.union(*(m.model_fields for m in map(_model, games) if m is not None))
     for variant in variants:
         for key, value in variant.items():

@@ -42,17 +42,17 @@ def play_rows(
     progress: Progress | None = None,
     file: FidelityFile | None = None,
 ) -> list[FidelityRow]:
-    """Play every row that ``file`` does not have yet, keeping each as soon as it is finished.
+    """Play every row that ``file`` does not have yet; each is written as soon as it is finished.
 
     Args:
         plans: in the order of playing.
-        plugins: know the games and the policies.
+        plugins: registry with the games and the policies.
         threads: physics threads (0: all CPUs); never changes the result.
         progress: called as games end, and with a note of each finished row.
-        file: where rows are kept and taken from.
+        file: that rows are read from and written to.
 
     Raises:
-        ApilError: anything wrong with names, options or the file.
+        ApilError: names, options or the file are wrong.
     """
     plans = list(plans)
     progress = progress or Progress()

@@ -37,10 +37,10 @@ class FidelityFile:
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Keep other processes from the file, and look at what it holds once more.
+        """Lock the file against other processes, and read it again.
 
         Raises:
-            ConfigError: another one has it.
+            ConfigError: another process holds the lock.
         """
         with locked(
             self.path.with_name(f".{self.path.name}.lock"),
@@ -69,10 +69,10 @@ class FidelityFile:
         return found
 
     def add(self, row: FidelityRow) -> None:
-        """Keep one more row.
+        """Add a row and write the file.
 
         Raises:
-            RunDirError: the file cannot be written; what was in it is untouched.
+            RunDirError: the file cannot be written; its contents are unchanged.
         """
         self.rows.append(row)
         computed = {"win", "win_or_tie"}

@@ -38,12 +38,12 @@ class OverlayText:
     note: str = ""
 
     def clock(self, frame: Frame) -> str:
-        """Game, time and step, in words."""
+        """Game, time and step as text."""
         game = f"game {frame.number}, " if self.games > 1 else ""
         return f"{game}{frame.seconds:.2f} s, step {frame.step}"
 
     def all(self, frame: Frame) -> str:
-        """All there is to say, for a window."""
+        """The whole text, for a window."""
         lines = [f"victim (blue): {self.victim}", f"adversary (red): {self.adversary}"]
         score = self.score
         lines.append(f"victim {score['loss']} : {score['win']} adversary, ties {score['tie']}")
@@ -53,7 +53,7 @@ class OverlayText:
 
 
 def verdict(ended: PlayedGame) -> str:
-    """Outcome of a game in words."""
+    """Outcome of a game as text."""
     return f"{_VERDICTS[ended.outcome]}: {ended.cause}"
 
 
@@ -105,7 +105,7 @@ def _label(
     colour: Colour,
     size: float,
 ) -> None:
-    """Text in a box at that share of the room there is, (0, 0) upper left to (1, 1) lower right."""
+    """Draw text in a box at a relative position, (0, 0) upper left to (1, 1) lower right."""
     text, font = _fitting(text, picture.width - size, size)
     width, height = font.getlength(text) + size, 1.7 * size
     left, top = place[0] * (picture.width - width), place[1] * (picture.height - height)
@@ -115,7 +115,7 @@ def _label(
 
 
 def _fitting(text: str, room: float, size: float) -> tuple[str, Font]:
-    """The text in letters of at most that height, smaller or cut short where there is too little room."""
+    """Render the text at most that high; smaller or truncated where space is short."""
     smallest = 0.7 * size
     while size > smallest and _font(size).getlength(text) > room:
         size -= 0.5

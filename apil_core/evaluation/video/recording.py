@@ -110,15 +110,15 @@ class PlayResult(MatchSetup):
 
 
 def show(pairing: Pairing, options: RenderOptions, progress: Progress | None = None) -> PlayResult:
-    """Play and show what the options ask for.
+    """Play and show games according to the options.
 
     Args:
         pairing: made with ``num_envs=1``.
         options: checked by the caller.
-        progress: gets a note of every game that was shown, or tried before one ended as wished.
+        progress: gets a note of every game shown, and of those played before one had the wanted outcome.
 
     Raises:
-        ApilError: nothing can be drawn here, or no game ended as wished.
+        ApilError: drawing is impossible here, or no game had the wanted outcome.
     """
     progress = progress or Progress()
     text = _text(pairing, options)

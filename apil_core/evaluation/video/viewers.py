@@ -37,7 +37,7 @@ class Camera:
     def __init__(self, game: Game, adversary_side: int, size: tuple[int, int]):
         self.size = size
         self._game, self._colours = game, colours.by_side(adversary_side)
-        self.take()  # before anything is played, lest an hour of play ends in an error
+        self.take()  # before the first game, so that an hour of play cannot end in an error
 
     def take(self) -> Image.Image:
         """The game as it stands."""
@@ -52,7 +52,7 @@ class Viewer(ABC):
 
     @abstractmethod
     def see(self, frame: Frame) -> None:
-        """Show the game as it stands at that frame; the score counts it if it has ended."""
+        """Show the game at that frame; counted in the score if it has ended."""
 
     @abstractmethod
     def finish(self) -> None:
@@ -140,12 +140,12 @@ class ContactSheet(Viewer):
 
 
 class LiveViewer(Viewer):
-    """Shows the games in a window, at their own speed.
+    """Shows the games in a window, in real time.
 
     Args:
         game: to be shown.
-        adversary_side: decides the colours.
-        text: written beside it.
+        adversary_side: determines the colours.
+        text: shown beside it.
         speed: 1 is real time.
 
     Raises:

@@ -15,8 +15,8 @@ class PettingZooOptions(Section):
     kwargs: dict[str, Any] = Field(default_factory=dict)
     """Keyword arguments of the callable."""
     max_steps: Annotated[int, Field(gt=0)] = 1000
-    """Steps after which time is up, should the environment not have ended the game before."""
+    """Steps until time-out, if the environment has not ended the game before."""
     winner: Literal["reward", "info"] = "reward"
-    """Who wins: whoever has the larger total reward, or whose last info says "winner": true."""
+    """Winner: the agent with the larger total reward, or whose last info has "winner": true."""
     opponent_channels: dict[str, tuple[NonNegativeInt, ...]] = Field(default_factory=dict)
-    """Per agent, the indices of its flattened observation that tell about the opponent (blinding)."""
+    """Per agent, the indices of its flattened observation that depend on the opponent (blinding)."""

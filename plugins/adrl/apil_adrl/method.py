@@ -6,4 +6,4 @@ from apil_core import Method
 
 
 class Adrl(Method):
-    """Nothing to add: objective r^α, own observation, no auxiliary model (Gleave et al. 2020, §4)."""
+    """ADRL: objective r^α, own observation, no auxiliary model (Gleave et al. 2020, §4)."""

@@ -15,7 +15,7 @@ class ImitatorConfig(Section):
     objective: Literal["gail", "likelihood", "both"] = "gail"
     """Look like the victim to D, give the victim's actions a high likelihood, or both."""
     credit: Annotated[Literal["step", "return"] | None, absent("return")] = None
-    """What D pays ã_t for: its step, or all that follows too; null: step where rollouts are shared."""
+    """D's reward for ã_t: its own step's, or the return from there; null: step where rollouts are shared."""
     update: Literal["trpo", "ppo"] = "ppo"
     """PPO (the paper's brief algorithm, and the published code) or TRPO (its detailed one)."""
     hidden: Annotated[tuple[Annotated[int, Field(gt=0)], ...], Field(min_length=1)] = (64, 64)
@@ -76,18 +76,18 @@ class DiscriminatorConfig(Section):
     logit_bound: Literal["tanh", "none"] = "tanh"
     """tanh: the logit lies in [-1, 1], D in [.269, .731], as the theorem assumes; none: unbounded."""
     state: Literal["current", "next"] = "current"
-    """Which state is scored with a_t: s_t (the paper) or s_{t+1} (the published code)."""
+    """State scored with a_t: s_t (the paper) or s_{t+1} (the published code)."""
 
 
 class ApilConfig(Section):
     """APIL's options; defaults follow the paper's text."""
 
     prediction: Literal["imitator", "oracle", "noise", "none"] = "imitator"
-    """What ã is: the imitator's prediction, the victim's true action, noise of its scale, or absent."""
+    """Source of ã: the imitator's prediction, the victim's true action, noise of its scale, or none."""
     prediction_actions: Literal["sampled", "mode"] = "sampled"
     """sampled: ã is drawn in training and the mode in evaluation; mode: the mode in both."""
     observes: Literal["victim", "adversary", "both"] = "victim"
-    """Whose observation the imitator and D read."""
+    """Observation that the imitator and D read."""
     share_victim_observation: bool = False
     """Also give the adversary the victim's observation (published code; more than ADRL and APL see)."""
     rollouts: Literal["shared", "own"] = "shared"

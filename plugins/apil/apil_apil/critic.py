@@ -14,7 +14,7 @@ ADAM_EPSILON = 1e-5
 
 
 class Critic(nn.Module):
-    """V(s) of one reward, a tanh network with an optimiser of its own.
+    """V(s) of one reward, a tanh network with its own optimiser.
 
     Args:
         state_size: length of the (normalised) state.
@@ -34,7 +34,7 @@ class Critic(nn.Module):
     def advantages(
         self, states: Tensor, following: Tensor, rewards: Tensor, done: Tensor, *, gamma: float, lam: float
     ) -> Tensor:
-        """GAE of ``rewards``, (T, n), and keep the targets for :meth:`fit`.
+        """Compute GAE of ``rewards``, (T, n), and store the targets for :meth:`fit`.
 
         With γ = 0 it is reward − V(s): V is then a baseline of the immediate reward.
 

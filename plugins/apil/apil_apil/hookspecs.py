@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 
 @hookspec(firstresult=True, since=1)
 def imitation_reward(run: Run, rollout: Rollout, logits: Tensor) -> Tensor | None:
-    """Pay APIL's imitator, step by step.
+    """Reward APIL's imitator per step.
 
     APIL answers with log D(s, ã), −log(1 − D) or their sum. Wrap it (``@hookimpl(wrapper=True)``) to add
-    to that; implement it to replace it. With ``credit: step`` each ã_t is paid for its own step only: what
-    is to reach back over a game belongs into ``imitation_streams``. With ``objective: likelihood`` it
-    pays nothing.
+    to that; implement it to replace it. With ``credit: step`` each ã_t is rewarded for its own step only:
+    rewards to be credited to earlier steps belong in ``imitation_streams``. With ``objective: likelihood``
+    the reward is not used.
 
     When: once per iteration, after D's update and before the imitator's; beside PPO's update, so neither
         ``run.collect`` nor torch's global generator may be used.
@@ -36,9 +36,9 @@ def imitation_reward(run: Run, rollout: Rollout, logits: Tensor) -> Tensor | Non
 
 @hookspec(since=2)
 def imitation_streams(run: Run, rollout: Rollout) -> dict[str, tuple[float, Tensor]] | None:
-    """Pay APIL's imitator for what comes later in the game.
+    """Reward APIL's imitator for later events in the game.
 
-    Every stream has a critic of its own and is discounted by ``ppo.gamma`` and ``ppo.lam``. Its advantages,
+    Every stream has its own critic and is discounted by ``ppo.gamma`` and ``ppo.lam``. Its advantages,
     normalised over the rollout, are added with its weight to those of D's reward. With ``credit: return``
     there is one reward: D's plus weight × reward of each stream.
 

@@ -31,8 +31,8 @@ class Experience:
         next_states: after the last step, (n, s).
         actions: ã as drawn from the imitator, (T, n, a).
         done: (T, n), bool.
-        victim_states, victim_actions: what the victim did where, (m, s) and (m, a); m ≥ T·n.
-        rewards: of D, (T, n); ``None``: D does not pay.
+        victim_states, victim_actions: the victim's states and its actions there, (m, s), (m, a); m ≥ T·n.
+        rewards: of D, (T, n); ``None``: D gives no reward.
         streams: further rewards, discounted: name → (weight, (T, n)).
         likelihood_weight: of the victim's mean log-likelihood in the objective.
     """
@@ -52,9 +52,9 @@ class Imitator(nn.Module):
     """A Gaussian policy on the victim's (normalised) observation, with a critic for each of its rewards.
 
     Args:
-        state_size, action_size: what it reads and predicts.
+        state_size, action_size: sizes of its input and output.
         config: layers and update settings.
-        per_step: ``credit: step``, ã_t is paid by D for its own step alone.
+        per_step: ``credit: step``, D rewards ã_t for its own step alone.
         stream_discount: γ and λ of the further reward streams.
     """
 
@@ -115,7 +115,7 @@ class Imitator(nn.Module):
         return self.config.epochs, self.config.minibatches
 
     def advantages(self, experience: Experience) -> Tensor | None:
-        """Weights of log π̃(ã) in the policy gradient, (T, n); ``None`` if nothing pays for ã.
+        """Weights of log π̃(ã) in the policy gradient, (T, n); ``None`` if there is no reward for ã.
 
         z(A_D) + Σ weight · z(A_stream), z to mean 0 and standard deviation 1 over the rollout. A_D is
         D's reward less its expectation V(s) (``credit: step``), or GAE of its return.

@@ -148,13 +148,13 @@ class Apil(Method):
     def _learn(
         self, run: Run, victim: Games, own: Games, streams: Mapping[str, tuple[float, Tensor]]
     ) -> dict[str, float]:
-        """Update D on what the victim and the imitator did, then the imitator; returns metrics.
+        """Update D on the victim's and the imitator's actions, then the imitator; returns metrics.
 
         Args:
             run: the run.
             victim: games in which the victim acted.
             own: games the imitator learns from, and its actions.
-            streams: what pays the imitator beside D.
+            streams: rewards of the imitator besides D's.
         """
         metrics, logits = self._update_discriminator(run, victim, own)
         rewards = self._rewards(run, own.rollout, logits)
@@ -200,7 +200,7 @@ class Apil(Method):
         return metrics, logits
 
     def _rewards(self, run: Run, played: Rollout, logits: Tensor) -> Tensor:
-        """Rewards that the hook pays, (T, n), checked."""
+        """Rewards from the hook, (T, n), checked."""
         rewards: Tensor = run.hook.imitation_reward(run=run, rollout=played, logits=logits)
         if rewards.shape != logits.shape:
             got, want = tuple(rewards.shape), tuple(logits.shape)
@@ -250,7 +250,7 @@ class Apil(Method):
     def _own(self, run: Run, victim: Games, fresh: bool) -> Games:
         """The games the imitator learns from, with ã.
 
-        Shared: the victim's, ã as the adversary saw it, redrawn where that was no sample of the present
+        Shared: the victim's games, ã as the adversary saw it, redrawn where that was no sample of the current
         policy. Own: further games with the imitator in the victim's seat.
         """
         if self.options.rollouts == "own":

@@ -9,13 +9,12 @@ from apil_core import DiagonalGaussian, Rollout
 
 
 def prediction_quality(prediction: DiagonalGaussian, rollout: Rollout) -> dict[str, float]:
-    """Errors of ``prediction`` (T, n, a) of the victim's actions, on games not learnt from yet.
+    """Errors of ``prediction`` (T, n, a) of the victim's actions, on games not yet used for training.
 
-    ``constant_*`` are of the best constant Gaussian fitted to these very actions, which sees the answers: a
-    high bar. ``relative_error`` is ``mse`` over the constant's. ``explained_share`` is how much is explained
-    of what can be: (MSE_constant − MSE) / (MSE_constant − MSE_victim), MSE_victim that of the victim's own
-    mean, its noise; absent where the victim does not tell its mean (a black box), or is constant but for
-    noise.
+    ``constant_*`` are of the best constant Gaussian, fitted to these same actions: a strong baseline.
+    ``relative_error`` is ``mse`` over the constant's. ``explained_share`` is the explained share of the
+    explainable: (MSE_constant − MSE) / (MSE_constant − MSE_victim), MSE_victim that of the victim's own mean,
+    its noise; absent where the victim does not give its mean (a black box), or is constant but for noise.
 
     Returns:
         log-likelihoods in nats per step, mean squared errors per action component, and the two shares.

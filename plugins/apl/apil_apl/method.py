@@ -25,7 +25,7 @@ class Apl(Method):
 
     @hookimpl
     def finish_rollout(self, run: Run, rollout: Rollout) -> dict[str, Tensor] | None:
-        """The victim's reward as a stream with its own critic, (T, n), in units of its own return's std."""
+        """The victim's reward as a stream with its own critic, (T, n), in units of its return's std."""
         if not self.options.advantage_difference:
             return None
         return {STREAM: rollout.normalized_victim_reward}

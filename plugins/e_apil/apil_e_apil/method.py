@@ -11,8 +11,8 @@ from apil_e_apil.config import EApilConfig
 class EApil(Method):
     """The imitator maximises its own objective minus β·V_α (Bui et al. 2022; docs/methods.md §2).
 
-    ∇V_α is itself a policy gradient with return R^α, so all it takes is a reward −r̂^α that is discounted
-    as the adversary's own, r̂^α normalised by the standard deviation of its discounted return.
+    ∇V_α is itself a policy gradient with return R^α, so a reward −r̂^α, discounted like the adversary's,
+    implements it; r̂^α is normalised by the standard deviation of its discounted return.
     """
 
     options: EApilConfig
