@@ -63,7 +63,7 @@ WILD: tuple[Any, ...] = (
     *("\x1b[31mred", "../../..", "[/b]", "a b", "=1+1", "python:os:system", "é", "-", "~", "0..999999999999"),
 )
 NO_YAML = ("\n\tx: 1\n", "\nx: [1\n", "\n---\nsteps: 1\n", "\nx: &a [*a]\n", "\nx: !!int y\n", "\nx: \0\n")
-"""What makes settings wrong wherever it follows them."""
+"""Text that makes any settings file invalid when appended."""
 READERS = (
     *("runs list runs", "runs list runs --json", "runs compare runs/r runs/r", "bench report runs/r"),
     *("config show --config runs/r", "config diff runs/r runs/r", "eval runs/r --episodes 4 --quiet"),
@@ -84,7 +84,7 @@ WRITERS = (
     *("new method my-attack", "analyze activations run --games 2", "retrain run --steps 256 --out hard"),
     *("distill --env toy-pursuit --role evader --steps 256 --out d", "run --steps 256 --out r"),
 )
-"""Lines that may be long or write: they only come with a mistake."""
+"""Commands that may be slow or write files: used only with a mistake."""
 
 
 @dataclass(frozen=True)
@@ -252,7 +252,7 @@ def snapshot(folder: Path) -> dict[str, str]:
 
 
 def tried(name: str, root: Path, show: bool) -> tuple[bool, list[str]]:
-    """Whether a case's command succeeds, and its faults, which are printed."""
+    """Run a case; return whether its command succeeded, and its faults, which are printed."""
     from apil_core.cli.guard import guarded
 
     family, number = name.split(":")

@@ -27,7 +27,7 @@ from apil_core.plugins.registry import default_plugins
 from apil_envs.options import PhysicsOptions
 
 WARM_UP = 60
-"""Steps before anything is timed: robots come down and meet."""
+"""Steps before timing starts: robots land and come into contact."""
 
 
 class Contestant:

@@ -16,7 +16,7 @@ from apil_core.training.storage.run_dir import RunDir
 Made = TypeVar("Made")
 
 TRIES = 30
-"""Games looked at for one that the adversary wins."""
+"""Games searched for one that the adversary wins."""
 
 
 class RunArtifacts(BaseModel):
@@ -40,7 +40,7 @@ class RunArtifacts(BaseModel):
 def make_artifacts(run: RunDir, progress: Progress | None = None) -> RunArtifacts:
     """Play the comparison games, draw the learning curve and record a game that the adversary wins.
 
-    Nothing depends on them, so whatever keeps one from being made is a note, not an error.
+    They are optional, so an artifact that cannot be made is a note, not an error.
 
     Args:
         run: a finished run. Files of the same names are replaced.

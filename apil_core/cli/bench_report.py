@@ -24,7 +24,7 @@ def report(
     *,
     run: Annotated[
         list[Path], Parameter(help="A further single run; repeatable.", show_default=False, metavar="DIR")
-    ] = [],  # noqa: B006 - cyclopts reads it, nobody changes it
+    ] = [],  # noqa: B006 - cyclopts reads it, it is never mutated
     out: Annotated[
         Path | None, Parameter(help="Where to write [default: DIR/report of the first].", show_default=False)
     ] = None,
@@ -34,7 +34,7 @@ def report(
 ) -> int:
     """Put a benchmark's results beside the published ones: one page, and tables as CSV and LaTeX.
 
-    Whatever is there is shown; what is missing, weak or not comparable is said.
+    Available results are shown; missing, weak or incomparable ones are marked as such.
     """
     from apil_core.studies.report.report_data import gather
     from apil_core.studies.report.tables import write_tables

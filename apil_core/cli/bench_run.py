@@ -120,9 +120,9 @@ def run(
 ) -> int:
     """Run every combination of methods, games, seeds, victims, budgets and further axes of a matrix.
 
-    Everything is checked before anything starts. The same command goes on where it was stopped: finished
-    cells are kept, half ones resume to the bit. A cell that fails is reported and does not stop the others.
-    Cells start seed by seed, in each method by method, in each game by game, as the matrix lists them.
+    Everything is checked before anything starts. The same command resumes an interrupted benchmark: finished
+    cells are kept, unfinished ones resume bit for bit. A cell that fails is reported and does not stop the
+    others. Cells start seed by seed, in each method by method, in each game by game, as in the matrix.
     """
     from apil_core.cli.bench_table import make_watch, print_plan, print_result
     from apil_core.studies.bench.jobs import JobStatus, make_jobs

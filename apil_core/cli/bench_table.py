@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from apil_core.studies.bench.estimate import Estimate
 
 _BETWEEN = 2.0
-"""Seconds between looks into the directories of running cells."""
+"""Seconds between reads of the directories of running cells."""
 
 _STOPPING = {
     False: "stopping: what runs finishes its iteration and writes a checkpoint (once more: at once)",
@@ -122,7 +122,7 @@ def make_watch(jobs: Sequence[Job], status: JobStatus, *, quiet: bool) -> QuietW
 
 
 def _metrics(status: JobStatus, job: Job) -> dict[str, Any]:
-    with suppress(FileNotFoundError):  # one killed before its first checkpoint is just begun anew
+    with suppress(FileNotFoundError):  # one killed before its first checkpoint starts over
         if job.kind == CELL:
             return status.bench.cell(job.subject).last_metrics()
         if job.kind == RETRAINING:

@@ -77,8 +77,8 @@ def distill(
     """Train a compact student of a policy: it acts, its teacher says what it would have done (DAgger).
 
     The student learns the teacher's mean action and copies its standard deviation. It is left in
-    DIR/student.safetensors; use it as safetensors:DIR/student.safetensors. Interrupted, it goes on
-    with --resume DIR.
+    DIR/student.safetensors; use it as safetensors:DIR/student.safetensors. Resume an
+    interrupted distillation with --resume DIR.
     """
     from apil_core.plugins.discovery import discover
     from apil_core.runs.distillation.distill import distill as start

@@ -31,7 +31,7 @@ def doctor(
 ) -> int:
     """Check this machine: what works, what does not, and what to do about it.
 
-    Looks at Python, packages, plugins, presets, processor, GPU, games and their step rates, drawing, victims
+    Checks Python, packages, plugins, presets, processor, GPU, games and their step rates, drawing, victims
     and disk. Takes about half a minute and changes nothing. Exit code 1 if something would keep "apil run"
     from working, else 0.
     """

@@ -19,7 +19,7 @@ def finish(result: RunResult, progress: Progress, *, show: bool, as_json: bool) 
     """Print how a run ended, make its artifacts if requested, and print where they are.
 
     Returns:
-        what ``--json`` prints, with a key ``souvenirs`` if there are any to speak of.
+        what ``--json`` prints, with a key ``souvenirs`` if any artifact was made.
     """
     document = result.model_dump(mode="json")
     if not as_json:

@@ -60,7 +60,7 @@ _SPELLING: dict[str, dict[str, Any]] = {
     "checkpoint_path": {"name": "--checkpoint"},
     "plugin_files": {"name": "--plugin"},
 }
-"""What flags are called, where not like their field."""
+"""Flag names that differ from their field's."""
 
 Made = TypeVar("Made", bound="Flags")
 Model = TypeVar("Model", bound=BaseModel)

@@ -22,7 +22,7 @@ USAGE_ERROR = 2
 INTERNAL_ERROR = 1
 INTERRUPTED = 130
 _COURTESY = 3.0
-"""How long other processes give the first one to speak, s."""
+"""Seconds that other processes wait for the first one's message."""
 
 
 def guarded(arguments: list[str]) -> int:
@@ -48,7 +48,7 @@ def guarded(arguments: list[str]) -> int:
     except ModuleNotFoundError as error:
         absent = missing(error.name)
         return complain(str(absent), absent.exit_code) if absent else _report(error)
-    except SystemExit as error:  # of a plugin's or a game's, which nobody nearer to it has caught
+    except SystemExit as error:  # raised by a plugin or a game, and not caught closer to it
         last = traceback.extract_tb(error.__traceback__)[-1]
         text = f"{last.filename}, line {last.lineno}: code that a run uses ended the program (exit {error})"
         return complain(text, INTERNAL_ERROR)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 _UNFOLDED = 2000
-"""Columns where no screen is the limit: rows in a pipe must stay one line each."""
+"""Width without a terminal: each row in a pipe must stay on one line."""
 
 WIDEST = 120
 """Columns of a progress display at most: a bar across a whole wide screen is hard to read."""

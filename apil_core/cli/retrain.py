@@ -73,7 +73,7 @@ def retrain(
     """Harden a victim: train it on, against a mixture of adversaries and the one it knows.
 
     The hardened victim plays anywhere as retrained:DIR. Ctrl-C writes a checkpoint; "apil resume DIR"
-    goes on from there, bit for bit.
+    resumes from it, bit for bit.
     """
     flags = flags or RetrainFlags()
     if out is not None and is_taken(out):

@@ -65,7 +65,7 @@ def run(
 ) -> int:
     """Train an adversary against a frozen victim, then score it.
 
-    Ctrl-C writes a checkpoint; "apil resume" goes on from there, bit for bit.
+    Ctrl-C writes a checkpoint; "apil resume" resumes from it, bit for bit.
     """
     config, plugins = (flags or ConfigFlags()).resolve()
     if show:

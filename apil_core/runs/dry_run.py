@@ -27,16 +27,16 @@ from apil_core.training.distributed.world import ALONE
 from apil_core.training.trainer import Trainer
 
 _STEPS = 32
-"""Steps per game of an iteration measured: long enough for its parts, short enough to wait for."""
+"""Steps per game in a measured iteration: enough for stable times, few enough to be quick."""
 _GAMES = 32
-"""Games played for the time that one takes."""
+"""Games played to measure the time of one."""
 
 
 class Budget(BaseModel):
     """Composition of a run and its estimated cost on this machine at its present load.
 
     Attributes:
-        victim, victim_sha256: who is attacked.
+        victim, victim_sha256: name and hash of the victim.
         victim_side, adversary_side: names of the seats.
         parameters: of the adversary's networks, critics included.
         steps, iterations: of training.
@@ -73,11 +73,11 @@ def dry_run(config: RunConfig, plugins: PluginRegistry, place: Path = Path()) ->
 
     Args:
         config: the run's.
-        plugins: who offers what it names.
+        plugins: registry in which its names are looked up.
         place: where the run directory would be.
 
     Raises:
-        ApilError: whatever would keep the run from beginning.
+        ApilError: the run could not start.
     """
     config = complete(config, plugins)
     trainer, _ = prepared(shortened(config), plugins, ALONE)

@@ -36,7 +36,7 @@ from apil_core.training.trainer import Trainer
 
 Config = TypeVar("Config", bound=RunConfig)
 _SHAPE = ("hidden", "action_unit", "critic_observes")
-"""Settings of PPO that decide what networks look like and mean."""
+"""PPO settings that determine the networks' shapes, inputs and units."""
 
 
 @one_torch_thread()
@@ -55,8 +55,8 @@ def run(
     Args:
         config: see :class:`apil_core.RunConfig`.
         out: run directory; default ``runs/<env>/<method>/<time>-s<seed>``.
-        progress: who is told how it goes.
-        command: stored for people who ask where a number came from.
+        progress: gets iterations, scores and notes.
+        command: stored for reproducibility.
         plugins: registry to use; default: the installed ones and ``config.plugins``.
 
     Raises:
@@ -106,7 +106,7 @@ def resume(
         checkpoint_path: continue from this one instead of the newest (later metrics are dropped); ``best``
             is the one that won most in evaluations during training.
         threads: of physics, and of the update (two at most), for this session; never changes results.
-        progress: who is told how it goes.
+        progress: gets iterations, scores and notes.
         command: stored in ``environment.json``.
 
     Raises:
@@ -135,7 +135,7 @@ def resume(
             truncate_metrics(directory.metrics_path, iterations_in_rows(state))
             directory.abandon_after(state["iteration"])
             _abandon_best_after(directory.best_path, state["steps"])
-            if path == directory.best_path:  # else there would be none to go on from until the next one
+            if path == directory.best_path:  # else a stop before the next checkpoint could not be resumed
                 checkpoint.save(directory.checkpoint_path(state["iteration"]), state)
             directory.retire_result(int(state["steps"]))
             directory.write_config(trainer.config, registry)
@@ -167,7 +167,7 @@ def _abandon_best_after(path: Path, steps: int) -> None:
     """Rename a best checkpoint that is later than the point of resumption."""
     if path.is_file():
         taken = math.inf
-        with suppress(RunDirError):  # a damaged one must not keep the run from going on
+        with suppress(RunDirError):  # a damaged one must not prevent resuming
             taken = checkpoint.read(path)["steps"]
         if taken > steps:
             path.replace(path.with_name(f"{path.name}.abandoned"))

@@ -35,7 +35,7 @@ from apil_core.training.trainer import Trainer
 Status = Literal["finished", "interrupted"]
 
 _LONG = 3600.0
-"""Seconds of training left from which on a run says how long it will take."""
+"""Remaining training time from which on it is announced, s."""
 
 
 class RunResult(BaseModel):
@@ -48,7 +48,7 @@ class RunResult(BaseModel):
     steps: int
     wall_seconds: float
     stopped: str = ""
-    """Why training ended before its budget was used up; empty if it did not."""
+    """Reason why training ended before its budget was used up; empty if it did not."""
     best: dict[str, Any] | None = None
     """The evaluation during training that won most (``steps``, ``games``, ``wins``, ``low``), if any."""
     evaluation: EvaluationResult | None = None
@@ -105,7 +105,7 @@ class Session:
             self.progress.note(note)
         try:
             with hooks.attribution(), in_contact(), self._wish.listening(), one_torch_thread():
-                with hooks.arguments_unchanged():  # every plugin shows its manners in the first iteration
+                with hooks.arguments_unchanged():  # for the start only: it copies the arguments
                     self._hook.run_started(run=trainer)
                 if teacher is not None:
                     self._warm_start(teacher)
@@ -158,7 +158,7 @@ class Session:
     def _hook(self) -> Any:
         """Caller of run hooks: plugin modules, which may print and write, are called in one process only.
 
-        What keeps a state hears of it in every process, lest the states differ.
+        Stateful plugins are called in every process, so that their states stay equal.
         """
         hooks = self.trainer.attack.hooks
         if self.world.is_main:
@@ -169,7 +169,7 @@ class Session:
     @property
     def _goes_on(self) -> bool:
         trainer = self.trainer
-        if self.world.size > 1:  # whoever asked for the end, all end, and the first one says why
+        if self.world.size > 1:  # all stop if one has a reason; the first reason is reported
             reasons = [reason for reason in self.world.gather(trainer.stopped) if reason]
             trainer.stopped = reasons[0] if reasons else ""
         return not (trainer.finished or trainer.stopped or self.world.any(self._wish.asked))
@@ -243,7 +243,7 @@ class Session:
     def _evaluate_on_the_way(self) -> dict[str, float]:
         """Score the adversary on separate games; stop if a stopping condition holds.
 
-        Not broken off by Ctrl-C: a run that is gone on with would have missed it.
+        Not interrupted by Ctrl-C: a resumed run would lack the score.
         """
         trainer, wanted = self.trainer, self.config.evaluation
         # the final score must not be of the games that the best was chosen by

@@ -16,7 +16,7 @@ def on_stop_signal(asked: Callable[[], None]) -> Iterator[None]:
     """Call ``asked`` for each SIGINT or SIGTERM in the ``with`` block. No effect outside the main thread.
 
     Args:
-        asked: called in the main thread, between any two of its steps; what it raises goes on from there.
+        asked: called in the main thread between any two bytecodes; its exceptions are raised there.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -45,7 +45,7 @@ class StopWish:
         progress: passes an evaluation's progress on, and breaks it off with :class:`Stopped` once asked.
 
     Args:
-        progress: told of the wish, and of evaluations.
+        progress: gets a note of the request, and the progress of evaluations.
     """
 
     def __init__(self, progress: Progress):

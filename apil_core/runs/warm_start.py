@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 from apil_core.runs.score import score_in_training
 
 CLONING_SHARE = 0.6
-"""Of the steps; in the others the critic is fitted to the clone, which plays as in training."""
+"""Share of the steps for cloning; in the others the critic is fitted to the clone."""
 
 _PASSES = 3
-"""Over each rollout, and over as many earlier ones."""
+"""Passes over each rollout, and over as many earlier ones."""
 _FINAL_PASSES = 30
 _MINIBATCH = 512
 _LEARNING_RATE = 3e-3
-"""Adam's; the zoo's networks have large weights, which small steps do not reach."""
+"""Adam's step size; the zoo's networks have large weights, which small steps do not reach."""
 
 
 def load_teacher(trainer: Trainer, name: str) -> Policy:

@@ -13,7 +13,7 @@ from apil_core.api.game import Array, Game, GameStep
 from apil_core.testing.checks import GAME_CHECKS, ContractError
 
 GAMES = 6
-"""Games of a check, unless it says otherwise."""
+"""Default number of games in a check."""
 
 
 @dataclass

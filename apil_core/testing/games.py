@@ -33,7 +33,7 @@ def check_game(
 ) -> GameReport:
     """Run every check of :class:`apil_core.Game` on a game, with random players.
 
-    What is checked and what a failure looks like: docs/testing.md.
+    docs/testing.md lists the checks and shows a failure.
 
     Args:
         game: a spec, or the name of an installed game or one that ``plugins`` offer; of a family with target.

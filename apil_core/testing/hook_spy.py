@@ -22,7 +22,7 @@ class Call:
 
     Attributes:
         hook: its name.
-        plugins: who was asked, in order of registration.
+        plugins: called ones, in order of registration.
         within: plugins of the hooks from within which it was made.
         seconds: of processor time, in the plugins and in pluggy; with calls within it, without the recording.
     """
@@ -62,7 +62,7 @@ class HookSpy:
     """Records the hook calls of a run.
 
     Attributes:
-        calls: all calls of hooks that somebody fills, as they began.
+        calls: all calls of implemented hooks, in the order they began.
         mistakes: in the order they were seen; a call's own come after those of calls within it.
     """
 
@@ -103,7 +103,7 @@ class HookSpy:
         self._charge(time.process_time() - ended, self._open)
 
     def _note(self, check: str, call: Call, text: str) -> None:
-        # a nested call's mistake is its callers' too; it is told once, where it happened
+        # a nested call's mistake is its callers' too; it is reported once, where it happened
         if not any(mistake.check == check and mistake.text == text for mistake in self.mistakes):
             who = ", ".join(call.plugins)
             self.mistakes.append(Mistake(check, call.hook, f"{call.hook} (filled by {who}) {text}"))

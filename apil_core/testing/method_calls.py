@@ -55,7 +55,7 @@ def expected_calls(fillers: dict[str, list[str]], *, rollouts: int, steps: int) 
     """The calls that docs/hooks.md documents for a run that is evaluated at its end, in order.
 
     Args:
-        fillers: who fills each core hook, required methods first.
+        fillers: plugins that implement each core hook, required methods first.
         rollouts: iterations of the run.
         steps: vectorised steps of each.
     """

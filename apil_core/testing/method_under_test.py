@@ -23,7 +23,7 @@ from apil_core.training.storage.run_dir import RunDir
 from apil_core.training.trainer import Trainer
 
 SHORT = 5
-"""Steps of a game in tiny runs, where the game lets us choose: some must end and start anew."""
+"""Steps of a game in tiny runs, where the game has that option: some must end and restart."""
 
 
 @dataclass

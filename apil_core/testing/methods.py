@@ -26,7 +26,7 @@ def check_method(
 ) -> MethodReport:
     """Run every check of docs/testing.md on a method; some are runs of a fraction of a second each.
 
-    What is checked, in which order, and what a failure looks like: docs/testing.md.
+    docs/testing.md lists the checks in order and shows a failure.
 
     Args:
         method: a spec, or the name of an installed method or one that ``plugins`` offer.

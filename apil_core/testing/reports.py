@@ -14,7 +14,7 @@ class HookCost:
         hook: its name.
         calls: number of calls that reached this method.
         every: ``"step"`` (vectorised), ``"rollout"`` or ``"run"``.
-        seconds: of processor time of one call, median; all who fill the hook together.
+        seconds: processor time of one call, median; sum over the plugins that implement the hook.
     """
 
     hook: str

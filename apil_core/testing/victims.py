@@ -39,7 +39,7 @@ class Candidate:
         name: as given.
         game: whose seat it takes; not stepped.
         side: index of the seat.
-        registry: who knows the name.
+        registry: in which the name is looked up.
     """
 
     name: str
@@ -67,7 +67,7 @@ def check_victim(
 ) -> VictimReport:
     """Check that a policy can be a victim: loads by name, acts correctly, and is deterministic.
 
-    What is checked and what a failure looks like: docs/testing.md. Code that the name may run is trusted.
+    docs/testing.md lists the checks and shows a failure. Code that the name may run is trusted.
 
     Args:
         name: of the policy.

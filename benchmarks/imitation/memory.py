@@ -3,7 +3,7 @@
     python benchmarks/imitation/memory.py RECORDING
 
 Each rollout is met once: measured first, then learnt from in as many passes by both. The LSTM's state is
-carried from rollout to rollout and starts anew with every game.
+carried from rollout to rollout and is reset at every start of a game.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ KEPT = (
     *("victim_observation", "next_victim_observation", "victim_action", "victim_mean", "victim_std"),
     *("normalized_reward", "done"),
 )
-"""What imitators of the victim read and are measured by: 30 MB for 16 384 steps of kick-and-defend."""
+"""Fields that imitators of the victim read and are measured by: 30 MB for 16 384 steps of kick-and-defend."""
 
 
 @hookimpl

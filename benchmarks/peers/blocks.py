@@ -46,7 +46,7 @@ def measure(
         physics: timed before and after each block.
         seconds: for all of it; the round that is under way then is finished.
         least: seconds of a block; whole iterations are counted.
-        tell: told of each block.
+        tell: called with a line for each block.
     """
     blocks: list[Block] = []
     begin, turn = time.perf_counter(), 0

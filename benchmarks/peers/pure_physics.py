@@ -9,7 +9,7 @@ WARM_UP = 96
 """Control steps before those that are timed: by then some robots have fallen and some games have ended."""
 
 RECORDED = 32
-"""Control steps that are timed, again and again."""
+"""Control steps that are timed, repeatedly."""
 
 
 class PurePhysics:

@@ -63,7 +63,7 @@ class RslRl:
     def iterate(self) -> int:
         before = self._attack.env.steps
         self._runner.learn(1)
-        self._attack.env.stats.metrics()  # which else would gather for ever
+        self._attack.env.stats.metrics()  # empties its buffers, which would grow without limit
         return self._attack.env.steps - before
 
     def close(self) -> None:

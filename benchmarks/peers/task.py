@@ -22,7 +22,7 @@ class Task:
         options: of the game.
         victim: name of the policy in the other seat.
         batch: steps of an iteration: collected, then learnt from.
-        num_envs: games stepped together by those who step many (ours and rsl_rl's).
+        num_envs: games stepped together in batched frameworks (ours and rsl_rl).
         threads: of the physics; 0: all.
         seed: of everything.
     """

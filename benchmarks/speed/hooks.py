@@ -90,7 +90,7 @@ class TimedHooks(RunHookManager):
 
     def _clocked(self, function: Caller) -> Caller:
         clocked = partial(self._inside, function)
-        vars(clocked)["__code__"] = getattr(function, "__code__", None)  # who is to blame for an exception
+        vars(clocked)["__code__"] = getattr(function, "__code__", None)  # attributes exceptions
         return clocked
 
     def _inside(self, implementation: Caller, *arguments: Any, **keywords: Any) -> Any:

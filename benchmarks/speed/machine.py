@@ -14,7 +14,7 @@ from .report import Machine
 _CLEAR = Path("/proc/self/clear_refs")
 _STATUS = Path("/proc/self/status")
 _PEAK = "5"
-"""Tells Linux to begin the peak anew."""
+"""Makes Linux reset the peak."""
 
 _PACKAGES = ("apil", "mujoco", "torch", "numpy", "rsl-rl-lib", "pluggy")
 
@@ -47,11 +47,11 @@ def _cpu() -> str:
 class PeakMemory:
     """Largest resident set of this process since construction or the last :meth:`take`.
 
-    A peak that only grows tells about the hungriest thing done so far; Linux can begin it anew. Elsewhere
-    (or where that is forbidden) the value is the resident set at the time of asking.
+    Linux can reset the peak, so that each value belongs to one section of code. Elsewhere (or where that is
+    forbidden) the value is the resident set at the time of the call.
 
     Attributes:
-        exact: the system keeps watch.
+        exact: whether the peak can be reset.
         largest: of all values taken, MB.
     """
 

@@ -22,10 +22,10 @@ from .report import Cell, Level, Setting, SpeedReport
 from .training import TimedTraining
 
 WARM_UP = 1
-"""Iterations before the clock counts: libraries set themselves up, robots come down to the floor."""
+"""Untimed iterations: libraries initialise, robots come down to the floor."""
 
 LEAST_ROUNDS = 3
-"""However long they take: quartiles of fewer say nothing."""
+"""Fewest rounds, however long they take: quartiles need them."""
 
 Measured = dict[Level, tuple[float, float]]
 """Seconds and peak memory in MB by level."""

@@ -26,10 +26,10 @@ _MARKERS: dict[Level, str] = {
     "physics": "o", "game": "s", "victim": "D", "collection": "^", "training": "v",
 }  # fmt: skip
 _PLAIN: dict[Level, Colour] = {"physics": colours.NEUTRAL, "game": (150, 156, 166), "victim": colours.VICTIM}
-"""Colours of what belongs to no method; methods have one colour each."""
+"""Colours of levels without a method; methods have one colour each."""
 
 Series = tuple[Level, str | None, int]
-"""Level, method and threads: what makes a line."""
+"""Level, method and threads, which identify a line."""
 
 
 def draw_speed(report: SpeedReport, path: Path) -> None:

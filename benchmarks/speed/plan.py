@@ -22,7 +22,7 @@ from apil_core.policies.loading import victim_name
 from .report import LEVELS, Level
 
 ALL = "all"
-"""Stands for every game that has a victim."""
+"""Name for all games that have a victim."""
 
 PROFILE = "physics"
 """The game option that names a profile."""

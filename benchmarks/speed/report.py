@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from apil_core.common.files import write_atomically
 
 Level = Literal["physics", "game", "victim", "collection", "training"]
-"""What is measured, each on top of the one before:
+"""Measured levels, each on top of the one before:
 
 physics: the game's physics calls alone; game: with rules and observations; victim: with the victim's actions;
 collection: with the adversary's actions, hooks and storage; training: with learning, a whole iteration.
@@ -27,7 +27,7 @@ CAPTIONS: dict[Level, str] = {
     "collection": "+ actor, hooks: collection",
     "training": "+ learning: training",
 }
-"""Levels in words."""
+"""Labels of levels."""
 
 
 class Spread(BaseModel):

@@ -30,7 +30,7 @@ CHECKS = {
 """Functions from a :class:`Scope` to findings; lazy, since a check may need what is not installed."""
 
 Status = Literal["ok", "warning", "error"]
-"""``error`` is kept for what would keep ``apil run`` from working."""
+"""``error`` is for findings that stop ``apil run`` from working."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Finding:
     """One line of the report.
 
     Attributes:
-        check: what was looked at, ``"subject"`` or ``"subject: part"``.
+        check: what was checked, ``"subject"`` or ``"subject: part"``.
         status: see :data:`Status`.
         detail: what was found.
         remedy: what would mend it, or what could be added; empty if there is nothing to do.
@@ -51,7 +51,7 @@ class Finding:
 
 
 class Report(BaseModel):
-    """What ``apil doctor --json`` prints."""
+    """Output of ``apil doctor --json``."""
 
     version: str
     findings: list[Finding]

@@ -21,13 +21,13 @@ from apil_core.common.files import why_unwritable
 from apil_core.common.machine import usable_cpus
 
 NEWEST = "3.13"
-"""The newest Python our dependencies were resolved for."""
+"""Newest Python version with resolved dependencies."""
 
 ENOUGH = 2**30
-"""Bytes below which room is called short."""
+"""Bytes of free space below which a warning is given."""
 
 _FIRST = ("torch", "mujoco", "numpy", "rsl-rl-lib")
-"""What a score may depend on most, named first."""
+"""Packages that affect scores most, listed first."""
 
 _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 _GROUPS = Path("/sys/fs/cgroup")

@@ -15,7 +15,7 @@ from apil_core.config.layers import preset_layer, preset_names
 from apil_core.config.resolve import resolve_layers
 
 SECONDS = 1.5
-"""How long each game's rate is measured."""
+"""Seconds of measurement for each game's rate."""
 
 BACKENDS = {
     "egl": ("EGL", "`apt-get install libegl1`"),

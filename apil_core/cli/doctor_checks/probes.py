@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from apil_core.plugins.discovery import PluginRegistry
 
 PATIENCE = 120.0
-"""Seconds a trial may take; a busy machine needs some to import torch."""
+"""Time limit of a probe, s; a busy machine needs some of it to import torch."""
 
 GAMES = 64
 """Games that are stepped together; enough for the threads of most machines."""

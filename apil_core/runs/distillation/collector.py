@@ -94,7 +94,7 @@ class Collector:
             name: of this stretch of play; names its random streams.
             side: the student's seat.
             steps: per game.
-            roles: who does what.
+            roles: of the policies, by game.
             act: the student's mean action for observations (n, o) and labels (n, a), (n, a); ``None``
                 where only the teacher acts.
             take: gets every step.

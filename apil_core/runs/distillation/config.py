@@ -16,7 +16,7 @@ from apil_core.plugins.registry import default_plugins
 
 
 class DistillConfig(Section):
-    """Everything that decides a student. Equal settings on one machine give equal weights."""
+    """All settings of a distillation. Equal settings on one machine give equal weights."""
 
     env: str
     """Game; `apil games` lists them."""
@@ -25,7 +25,7 @@ class DistillConfig(Section):
     teacher: str = "auto"
     """Policy to imitate; auto: the agent the game names for this side."""
     opponent: str = "auto"
-    """Whom it plays meanwhile, and in the report; auto: the agent the game names for the other side."""
+    """Opponent in training and in the report; auto: the agent the game names for the other side."""
     trust: bool = False
     """Allow players whose loading runs code, e.g. python:...; counts in Python only, not in a file."""
     network: Literal["auto", "mlp", "lstm"] = "auto"

@@ -48,7 +48,7 @@ def distill(
         out: directory for everything; must not exist or be empty.
         progress: gets the number of games scored.
         on_stage: called after each stage with its log entry and the number of stages.
-        command: stored for people who ask where a student came from.
+        command: stored for reproducibility.
         plugins: registry to use; default: the installed ones.
 
     Raises:

@@ -1,9 +1,9 @@
 """The student's network and its updates, in standardised observations and units of σ.
 
 This is what rsl_rl's ``Distillation`` does (mean squared error to the teacher's mean, truncated
-backpropagation through time), written anew because that one does not hold here: it passes over a rollout
-one step of all games at a time and only once, drops a recurrent teacher's state at every update, and leaves
-the student's spread without gradient. Physics is what costs, so blocks are kept and passed over many times;
+backpropagation through time), reimplemented because that one does not fit: it passes over a rollout one
+step of all games at a time and only once, drops a recurrent teacher's state at every update, and leaves
+the student's spread without gradient. Physics is the main cost, so blocks are kept and reused many times;
 with the products that do not depend on the recurrence taken together a pass is several times as fast
 (docs/victims.md). Labels are in units of the teacher's σ, which is copied: half the squared error, summed
 over components, is then KL(teacher ‖ student) in nats.

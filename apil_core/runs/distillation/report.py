@@ -1,4 +1,4 @@
-"""How a student compares with its teacher: action error on the student's own states, and scores."""
+"""Comparison of a student with its teacher: action error on the student's own states, and scores."""
 
 from __future__ import annotations
 

@@ -16,10 +16,10 @@ from apil_core.runs.distillation.learner import Block, StudentLearner
 from apil_core.training.normalize import RunningMoments
 
 _TRUE_BLOCKS = 4
-"""Every so many blocks, from the first, are played by the game's own options instead of ``practice``."""
+"""Period of the blocks, from the first, that are played by the game's own options instead of ``practice``."""
 
 _LEAST_STD = 0.1
-"""Channels that hardly move are not blown up."""
+"""Lower bound of the standard deviation, so that nearly constant channels are not amplified."""
 
 
 @dataclass
@@ -44,7 +44,7 @@ class Course:
     """State of a distillation between two stages.
 
     A stage is a block with its passes, or one final pass over all blocks. What a stage does follows from
-    the settings, its number and the state before it, so a distillation goes on bit for bit.
+    the settings, its number and the state before it, so a distillation resumes bit for bit.
     """
 
     config: DistillConfig

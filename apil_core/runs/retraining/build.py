@@ -120,7 +120,7 @@ def _pinned(config: RetrainConfig, victim: Policy, opponents: dict[str, Policy])
     """Return ``config`` with every policy's full name and hash; on a resume these must equal the stored ones.
 
     Raises:
-        VictimError: somebody's weights have changed.
+        VictimError: a policy's weights have changed.
     """
     infos = [policy.info for policy in opponents.values()]
     many = len(config.adversaries)

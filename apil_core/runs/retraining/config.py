@@ -11,7 +11,7 @@ from apil_core.api.config import ActionMode, EvaluationConfig, RewardConfig, Run
 Critic = Literal["auto", "stored", "new"]
 
 VERSION: Literal[2] = 2
-"""Of the schema and of the checkpoints; version 1 had a learner of its own, and goes on in no later one."""
+"""Version of the schema and of the checkpoints; version 1 had another learner; its runs cannot be resumed."""
 
 MIXED = "mixed"
 """Label of games in which opponents change from step to step."""
@@ -32,10 +32,10 @@ class RetrainEvaluation(EvaluationConfig):
 
 
 class RetrainConfig(RunConfig):
-    """Everything that decides a hardened victim. Equal settings on one machine give equal weights."""
+    """All settings of a retraining. Equal settings on one machine give equal weights."""
 
     kind: Literal["retraining"] = "retraining"
-    """Tells this file from a run's."""
+    """Distinguishes this file from a run's."""
     version: Literal[1, 2] = VERSION
     """Version of this schema."""
     method: str = "retraining"

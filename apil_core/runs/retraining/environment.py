@@ -48,7 +48,7 @@ class OpponentStats(EpisodeStats):
     """Results of the games, in total and by opponent, all from the victim's point of view.
 
     Args:
-        opponents: tell who played which game.
+        opponents: the mixture; its ``turn`` has the opponent of each game.
         labels: of the opponents, or of all together.
         num_envs, causes, device: as for :class:`EpisodeStats`.
     """

@@ -24,7 +24,7 @@ from apil_core.training.storage.metrics_log import iterations_in_rows
 from apil_core.training.storage.recorders import truncate_metrics
 
 _BY_HASH = ("victim", "adversaries", "baseline")
-"""Settings that may change, too: the weights say who plays, and their hashes are compared."""
+"""Settings that may change, too: policies are identified by their hashes, which are compared."""
 
 
 def retrain(
@@ -41,7 +41,7 @@ def retrain(
         config: as :func:`apil_core.runs.retraining.settings.settings` gives it.
         out: directory; default ``runs/<env>/retrain/<opponents>/<time>-s<seed>``.
         progress: gets iterations, scores and notes.
-        command: stored for people who ask where a victim came from.
+        command: stored for reproducibility.
         plugins: registry to use; default: the installed ones and ``config.plugins``.
 
     Raises:
@@ -78,7 +78,7 @@ def resume(
     Raises:
         RunDirError: no retraining there, one that an older version began, no readable checkpoint, one made
             with other settings, or nothing left to do.
-        VictimError: somebody's weights have changed since it began.
+        VictimError: a policy's weights have changed since the start.
     """
     space = RetrainDir(directory)
     stored = space.config()

@@ -21,14 +21,14 @@ def score_each(
 ) -> dict[str, EvaluationResult]:
     """By label, scores as of ``apil eval OPPONENT --victim VICTIM``: wins are the opponent's.
 
-    Touches nobody's randomness: the players are loaded anew.
+    The players are loaded separately, so no generator of the training is used.
 
     Args:
         config: the retraining's, with all names spelt out.
         victim: name of the policy to score against.
         episodes: games against each.
         progress: gets the number of games played.
-        plugins: who knows the names.
+        plugins: registry in which names are looked up.
     """
     names = [*config.adversaries, *([config.baseline] if config.baseline else [])]
     found = {}

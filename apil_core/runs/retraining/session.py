@@ -28,7 +28,7 @@ class RetrainSession(Session):
         directory: where everything goes.
         progress: gets iterations, scores and notes.
         plugins: for recorders and evaluations.
-        state: of the checkpoint it goes on from.
+        state: of the checkpoint it resumes from.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class RetrainSession(Session):
         self.directory = directory
         self.plugins = plugins
         self.retraining = setting.config
-        # what is shown when it starts: who is retrained, and against whom
+        # for the headline: the victim and its opponents
         self.config = self.config.model_copy(update={"method": f"retraining {self.config.victim}"})
         parts = shares(self.retraining).items()
         self.victim = ", ".join(f"{label} {100 * share:.3g} %" for label, share in parts if share)

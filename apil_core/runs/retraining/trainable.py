@@ -24,7 +24,7 @@ TRAINABLE = (
     "zoo:…, embedded:…, retrained:DIR, a student's safetensors:FILE, "
     "or run:DIR of a method without extra observations (adrl, apl)"
 )
-"""Names of what :func:`trainable` takes."""
+"""Policy names that :func:`trainable` accepts."""
 
 
 @dataclass(frozen=True)

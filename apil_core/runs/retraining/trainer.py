@@ -18,7 +18,7 @@ from apil_core.training.recurrent_ppo import NetworkLearner
 from apil_core.training.trainer import Trainer
 
 _WARMUP = {"stored": 1, "new": 10}
-"""First iterations that train the critic alone: a stored one only has to find its units."""
+"""First iterations that train the critic alone; a stored one needs fewer."""
 
 
 class RetrainTrainer(Trainer):

@@ -16,7 +16,7 @@ from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.training.storage.run_dir import RunDir
 
 PROJECT = "apil"
-"""Project of a run where nothing says otherwise."""
+"""Default project."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from apil_core.common.extras import need
 from apil_core.runs.trackers.tracked import PROJECT, TrackedRun, one_line
 
 FINISH_SECONDS = 60.0
-"""How long the end of a run waits for what is not stored yet."""
+"""Seconds that the end of a run waits for rows not stored yet."""
 
 _HINT = "without TRACKIO_SPACE_ID and TRACKIO_SERVER_URL it records locally"
 
@@ -26,15 +26,15 @@ class TrackioRecorder:
     """A tracked run in ``<run_dir>/trackio``, or in ``TRACKIO_DIR``; its name in ``trackio.json``.
 
     The library fixes its directory when it is imported, and a process may train several runs, so it works
-    in a process of its own (:mod:`.trackio_writer`). That one outlives a killed run just
-    long enough to store all it was told. Steps are environment steps. A resumed run goes on under its name,
-    and rows that the run has gone back behind are deleted; on a remote server nobody can, there they stay.
+    in a process of its own (:mod:`.trackio_writer`). It outlives a killed run just
+    long enough to store all rows it received. Steps are environment steps. A resumed run keeps its name, and
+    rows later than its checkpoint are deleted; on a remote server they cannot be deleted and remain.
 
     Args:
         run_dir: a run directory.
 
     Raises:
-        ApilError: trackio is missing, or cannot store anything where it is told to.
+        ApilError: trackio is missing, or cannot write to the configured directory or server.
     """
 
     name = "trackio"

@@ -25,7 +25,7 @@ class Writer:
 
     Raises:
         RuntimeError: a server was asked for and is not reached.
-        Exception: whatever trackio objects to.
+        Exception: any error of trackio.
     """
 
     def __init__(self, start: Mapping[str, Any]):

@@ -13,7 +13,7 @@ from apil_core.runs.trackers.tracked import PROJECT, TrackedRun, one_line
 from apil_core.training.storage.recorders import read_metrics
 
 FINISH_SECONDS = 60.0
-"""How long the end of a run waits for uploads; what is missing by then stays on disk for ``wandb sync``."""
+"""Seconds that the end of a run waits for uploads; the rest stays on disk for ``wandb sync``."""
 
 _HINT = "WANDB_MODE=offline records without a server"
 _OFFLINE = ("offline", "dryrun")
@@ -23,7 +23,7 @@ class WandbRecorder:
     """A tracked run at wandb, kept in ``<run_dir>/wandb``; its id in ``<run_dir>/wandb.json``.
 
     wandb's own settings (environment variables, ``wandb/settings``) come before ours; but a resumed run
-    stays in the project it began in. Steps are environment steps. Of a run that goes on
+    stays in the project it began in. Steps are environment steps. When a run is resumed
 
     - offline, a new file begins with the rows that ``metrics.jsonl`` kept: the newest one has them all;
     - online, rows at steps that the server has already are left out: it takes no step twice.
@@ -47,7 +47,7 @@ class WandbRecorder:
             self._run: Any = wandb.init(
                 config=tracked.config,
                 allow_val_change=True,  # a resumed run may have more steps
-                reinit="create_new",  # somebody else's run in this process is none of ours
+                reinit="create_new",  # leave another run in this process alone
                 settings=wandb.Settings(**ours),
             )
         self._next = int(self._run.starting_step)

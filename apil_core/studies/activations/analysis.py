@@ -49,7 +49,7 @@ def analyze(
         baseline: name of the opponent of normal play; default: the game's baseline adversary.
         sampling: how much.
         command: stored in the document.
-        progress: told of the games played, over all opponents, and of what is done.
+        progress: gets the number of games played, over all opponents, and notes.
         changes: single options, over ``options``.
 
     Raises:

@@ -51,7 +51,7 @@ class ActivationMap(JsonDocument):
         layer, units: which ones, and how many.
         physics: profile of the games, ``None`` for a game without.
         opponents: labels; the first one is normal play, on games that the density was not fitted on.
-        players: who they are.
+        players: their names and hashes.
         points: for each opponent (x, y) of the t-SNE, which has no units.
         log_likelihood: for each opponent.
         fitted: log-likelihood of the samples that the density was fitted on; where it is much higher than

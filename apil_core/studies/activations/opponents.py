@@ -34,8 +34,8 @@ class Opponents:
 
     Attributes:
         names: runs or policy names by label, normal play first.
-        victim: name of the one that is looked at.
-        participants: who they are.
+        victim: name of the analysed policy.
+        participants: the loaded policies.
     """
 
     names: Names
@@ -47,7 +47,7 @@ def gather(opponents: Names, victim: str | None, baseline: str | None, options: 
     """Resolve and load the players; see :func:`apil_core.studies.activations.analysis.analyze`.
 
     Raises:
-        ApilError: somebody cannot play, the runs attack different victims, or the victim is a black box.
+        ApilError: a policy does not fit, the runs attack different victims, or the victim is a black box.
     """
     runs = [config for name in opponents.values() if (config := run_config(name)) is not None]
     options = in_game_of(runs, options)
@@ -69,9 +69,9 @@ def record_all(opponents: Opponents, games: int, progress: Progress) -> dict[str
     """Record the victim's activations in ``games`` games against each; normal play has twice as many.
 
     Args:
-        opponents: who plays.
+        opponents: the victim and its opponents.
         games: against each.
-        progress: told of the games played, over all opponents.
+        progress: gets the number of games played, over all opponents.
     """
     participants = opponents.participants
     total = games * (len(opponents.names) + 1)

@@ -17,7 +17,7 @@ move; but some directions hardly vary, and a full covariance over them is the co
 
 
 class Sampling(OptionSet):
-    """How much is played and looked at."""
+    """Numbers of games and of sampled points."""
 
     games: Annotated[int, Field(ge=2)] = 100
     """Games against each; normal play gets as many more to fit on."""

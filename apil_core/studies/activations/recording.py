@@ -134,10 +134,10 @@ def record(pairing: Pairing, games: int, seed: int, progress: Progress) -> Recor
     """Play ``games`` games and record the victim's activations; the games are those of an evaluation.
 
     Args:
-        pairing: who plays; the game's generator is reseeded.
+        pairing: the game and both players; the game's generator is reseeded.
         games: number of games.
         seed: of the games and all draws.
-        progress: told of the games played.
+        progress: gets the number of games played.
     """
     watched = RecordingPolicy(pairing.victim, games)
     pairing.victim = watched

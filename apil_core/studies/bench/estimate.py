@@ -15,7 +15,7 @@ from apil_core.studies.bench.jobs import Job, JobStatus
 from apil_core.studies.bench.matrix import ScoreConfig
 
 _GAMES = 64
-"""Games played for the time that one takes."""
+"""Games played to measure the time of one."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def estimate(
         status: knows what of it is done.
         threads: physics threads of a worker.
         jobs: of the benchmark, retrainings among them.
-        note: told what is being measured.
+        note: called with a description of each measurement.
     """
     from apil_core.runs.dry_run import steps_per_second
 

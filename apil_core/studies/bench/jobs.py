@@ -74,7 +74,7 @@ def make_jobs(benchmark: Benchmark) -> list[Job]:
         if matrix.has("crossplay", game):
             hardened = tuple(job.name for job in retrainings if job.needs[0] in ends)
             jobs.append(Job(CROSSPLAY, game, after=(*ends, *hardened)))
-        if matrix.has("activations", game) and game in benchmark.baselines:  # who stands for normal play
+        if matrix.has("activations", game) and game in benchmark.baselines:  # the opponent of normal play
             jobs.append(Job(ACTIVATIONS, game, after=ends))
         if matrix.has("snapshots", game):
             jobs += [Job(SNAPSHOTS, end.partition("/")[2], needs=(end,)) for end in ends]
@@ -132,7 +132,7 @@ class JobStatus:
         return {
             name: wanted
             for name, wanted in scores.items()
-            # who stands in for a baseline whose weights are not here changes when they come
+            # a baseline without weights is substituted until they are available
             if not matches(found[name], wanted, cell, None)
             or (":" in now and found[name].adversary.name != now)
         }

@@ -17,7 +17,7 @@ def with_full_names(benchmark: Benchmark, origin: str) -> Benchmark:
         origin: what messages call the matrix.
 
     Raises:
-        ApilError: somebody cannot be loaded, does not fit, or cannot be retrained though that is wanted; a
+        ApilError: a policy cannot be loaded, does not fit, or cannot be retrained as the matrix asks; a
             library that a stage needs is missing.
     """
     from apil_core.common.extras import need

@@ -11,7 +11,7 @@ from apil_core.common.errors import ApilError, ConfigError
 from apil_core.common.extras import need
 
 _PATIENCE = 5.0
-"""Seconds that a cluster may take to answer at all; Ray itself would try for two minutes."""
+"""Seconds to wait for a cluster's answer; Ray itself would try for two minutes."""
 
 _STORE = 80 * 2**20
 """Bytes of memory for objects that tasks share, Ray's least: jobs share files."""
@@ -51,7 +51,7 @@ def slots(ray: Any, threads: int) -> int:
     """Number of jobs of that many CPUs that the cluster's nodes can run in parallel.
 
     Raises:
-        ApilError: not one fits on any node: Ray would wait for ever.
+        ApilError: not one fits on any node: Ray would wait forever.
     """
     cpus = [int(node["Resources"].get("CPU", 0)) for node in ray.nodes() if node["Alive"]]
     fitting = sum(count // threads for count in cpus)
@@ -66,8 +66,8 @@ def _knock(address: str) -> None:
     """Check that something listens at the address.
 
     Raises:
-        ConfigError: that is no address.
-        OSError: nobody does.
+        ConfigError: not a valid address.
+        OSError: nothing does.
     """
     try:
         parts = urlsplit(address if "://" in address else f"//{address}")

@@ -19,7 +19,7 @@ from apil_core.studies.bench.supervised import SupervisedJob
 from apil_core.studies.bench.work import Outcome
 
 _RETRIES = 5
-"""Times a job is begun again after its worker or node was lost; each goes on from the last checkpoint."""
+"""Restarts of a job after its worker or node was lost; each resumes from the last checkpoint."""
 
 
 class RayExecutor:
@@ -60,7 +60,7 @@ class RayExecutor:
         with self._lock:
             self._stops += 1
             for task in self._running.values():
-                # force kills the worker; short of that it passes our wish on, even the second one
+                # force kills the worker; otherwise each cancel passes one stop request on, even the second
                 self._ray.cancel(task, force=self._stops > 2)
         self._pool.shutdown(wait=False, cancel_futures=True)
 
@@ -102,12 +102,12 @@ def _work(root: str, job: str, threads: int, folder: str) -> Outcome:
     If this worker is killed the process notices, writes a checkpoint and ends; its successor waits for that.
 
     Raises:
-        RunDirError: the benchmark is not to be seen from here.
+        RunDirError: the benchmark's directory is not visible on this node.
     """
     if not BenchDir(root).matrix_path.is_file():
         raise RunDirError(f"{platform.node()} sees no benchmark in {root}: is that a shared file system?")
     here = Path(folder) if Path(folder).is_dir() else None
-    # Ray cancels by feigning Ctrl-C, and nobody hears that where a cluster was started in the background
+    # Ray cancels by simulating Ctrl-C, which a cluster started in the background would ignore
     signal.signal(signal.SIGINT, signal.default_int_handler)
     with SupervisedJob(Path(root), job, threads, here) as process:
         while True:

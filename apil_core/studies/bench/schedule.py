@@ -15,7 +15,7 @@ from apil_core.studies.bench.work import Outcome
 State = Literal["waiting", "queued", "running", "done", "failed", "interrupted", "left out"]
 
 _PERIOD = 0.25
-"""Seconds between looks at what is going on."""
+"""Seconds between updates."""
 
 
 class Watch:
@@ -38,7 +38,7 @@ class BenchResult:
     Attributes:
         states: by name of the job.
         kept: jobs that were done before this session began.
-        interrupted: somebody stopped it.
+        interrupted: whether it was stopped by the user.
     """
 
     states: dict[str, State] = field(default_factory=dict)
@@ -61,7 +61,7 @@ def run_jobs(
         jobs: in the order they should be started.
         status: knows what is done.
         executor: runs them; left open.
-        watch: told how it goes.
+        watch: its methods are called on every change.
     """
     scheduler = _Scheduler(jobs, status, executor, watch or Watch())
     try:
@@ -110,7 +110,7 @@ class _Scheduler:
             self._start_ready()
         wait(self._futures, timeout=_PERIOD, return_when=FIRST_COMPLETED)
         self._heed()
-        # what it returned would lack the cancelled ones: nobody notifies those who wait for them
+        # not from wait's result, which lacks cancelled futures: waiters are not notified of those
         for future in [future for future in self._futures if future.done()]:
             self._take(future)
         for future, name in self._futures.items():
@@ -148,7 +148,7 @@ class _Scheduler:
             self.result.states[name] = "waiting"
             return
         if outcome == "interrupted" and not self.result.interrupted:
-            # somebody stopped the worker, not us: the cell goes on when the benchmark is run again
+            # the worker was stopped from outside: the cell resumes when the benchmark is run again
             self._status.bench.note_failure(name, "its worker was stopped from outside; run the matrix again")
             outcome = "failed"
         if outcome == "done" and not self._status.is_done(self._jobs[name]):

@@ -20,7 +20,7 @@ BASELINE = "baseline"
 """Label of a game's own opponent of the victim."""
 
 _TRIES = 60
-"""Games looked at for one that the adversary wins."""
+"""Games searched for one that the adversary wins."""
 
 
 def harden(status: JobStatus, cell: Cell, threads: int, progress: Progress) -> bool:

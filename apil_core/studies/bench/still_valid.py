@@ -30,7 +30,7 @@ def same_players(stored: Sequence[Player], now: Mapping[str, str], hashes: Mappi
     """Return whether all present players are stored under the same label with the same weights.
 
     Args:
-        stored: who played.
+        stored: players of the stored result.
         now: label → name.
         hashes: SHA-256 by label, of those whose weights may have changed under the same name.
     """

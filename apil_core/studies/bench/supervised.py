@@ -19,7 +19,7 @@ _INTERRUPTED = 130
 """Exit code of a process that was asked to stop and left a checkpoint."""
 
 _BETWEEN = 0.1
-"""Seconds between looks whether it has ended."""
+"""Seconds between checks whether it has ended."""
 
 
 class SupervisedJob:
@@ -58,7 +58,7 @@ class SupervisedJob:
             stdin=subprocess.PIPE,
             stdout=self._log,
             stderr=self._log,
-            # Ctrl-C goes to us alone: jobs are told once, whatever the terminal does
+            # Ctrl-C reaches the supervisor only, so that each job gets one signal on any terminal
             start_new_session=True,
         )
 

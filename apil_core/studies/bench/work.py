@@ -32,7 +32,7 @@ from apil_core.training.storage.run_dir import RunDir
 Outcome = Literal["done", "interrupted", "failed"]
 
 _PATIENCE = 600.0
-"""Seconds: an iteration takes no longer, except on machines where all hope is lost."""
+"""Seconds to wait for a lock; longer than any iteration on usable machines."""
 
 _FREE = ("threads", "device", "trust", "victim_sha256", "recorders", "log_rows", "checkpoint", "evaluation")
 """Settings in which a cell's stored run may differ from the matrix: they do not change what is learnt."""
@@ -45,7 +45,7 @@ def perform(root: Path, name: str, *, threads: int = 1, progress: Progress | Non
         root: the benchmark's directory.
         name: the job's.
         threads: of the physics; never changes results.
-        progress: told how trainings and scores go.
+        progress: gets iterations, scores and notes.
 
     Raises:
         ApilError: it cannot be done; the benchmark's directory remembers why.
@@ -70,7 +70,7 @@ def _alone(bench: BenchDir, name: str) -> Iterator[None]:
     """Lock a job: a process whose supervisor has died may still be writing its last checkpoint.
 
     Raises:
-        RunDirError: it goes on and on.
+        RunDirError: the lock was not released in time.
     """
     bench.logs.mkdir(parents=True, exist_ok=True)
     message = f"another process has been at {name} for {_PATIENCE:.0f} s more"

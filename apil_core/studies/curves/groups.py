@@ -25,7 +25,7 @@ class CurveGroup(BaseModel):
     """One run, or several that differ in the seed only.
 
     Attributes:
-        label: what tells it from the other groups.
+        label: distinguishes it from the other groups.
         curves: of its runs.
         lines: by name; of several runs their mean, with a band of one standard deviation to either side.
     """

@@ -24,7 +24,7 @@ TITLES = {
     RETURN: "the adversary's return per game",
     IMITATOR: "the imitator's squared error ÷ the best constant's",
 }
-"""Of panels, by the name of their lines; other metrics stand for themselves."""
+"""Titles of panels by the name of their lines; other metrics use their own name."""
 
 SHARES = (WIN, WIN_OR_TIE)
 _PANEL = (5.2, 3.0)  # inches

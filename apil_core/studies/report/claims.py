@@ -1,7 +1,7 @@
 """The paper's claims, checked on these games: each holds, does not hold, or cannot be told.
 
 Rules: a claim holds only on differences beyond noise; an ordering of methods needs several seeds; below the
-published budget a claim that fails only fails to be told.
+published budget a failing claim counts as undecided.
 """
 
 from __future__ import annotations

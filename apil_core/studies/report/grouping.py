@@ -40,7 +40,7 @@ class Groups:
         cells: one entry per seed; seeds rise.
         unscored: runs without any score, with the key of where it would go.
         copies: scores left out because the same attack with the same seed is there already.
-        variants: what tells the runs of a key with ``variant`` > 0 from those with 0.
+        variants: differences of the runs of a key with ``variant`` > 0 from those with 0.
     """
 
     cells: dict[Place, list[Scored]] = field(default_factory=dict)

@@ -12,7 +12,7 @@ from apil_core.studies.report.table_models import Setting
 from apil_core.studies.report.words import amount, budget_mark
 
 PUBLISHED_MODE = "mode"
-"""How the published evaluation code chooses both sides' actions (docs/fidelity.md)."""
+"""Action modes of both sides in the published evaluation code (docs/fidelity.md)."""
 
 _ALWAYS = ("steps", "physics")
 

@@ -15,7 +15,7 @@ from apil_core.studies.curves.groups import CurveGroup
 from apil_core.studies.report.table_models import Aggregate, Cell, MethodDifference, Setting, Table, Verdict
 
 Truth = Literal["holds", "does not hold", "cannot be told"]
-"""What these games say about a claim."""
+"""Verdict on a claim."""
 
 
 class Warning(BaseModel):
@@ -114,7 +114,7 @@ class Ablation(BaseModel):
 
 
 class Endings(BaseModel):
-    """How the games of one cell ended, all seeds together.
+    """Endings of the games of one cell, all seeds together.
 
     Attributes:
         table: its id.

@@ -18,7 +18,7 @@ from apil_core.studies.report.models import ReportData
 from apil_core.studies.report.page_tables import TableView, table_views
 
 Options = Sequence[tuple[str, str]]
-"""Value and label of each choice; values are joined by ``|``, the empty one stands for all."""
+"""Value and label of each choice; values are joined by ``|``, the empty one means all."""
 
 _LEGENDS = {
     "game": "Game",

@@ -8,7 +8,7 @@ from typing import Literal
 from apil_core.studies.report.published import published
 
 MARGIN = 0.1
-"""A loss that is surely no larger is none, where a claim says that nothing is lost: ten points."""
+"""Largest loss that counts as none, where a claim says that nothing is lost: ten points."""
 
 BASELINE = "baseline"
 

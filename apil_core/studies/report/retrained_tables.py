@@ -22,10 +22,10 @@ from apil_core.studies.report.table_models import SeedScore, Setting, Table
 from apil_core.studies.report.words import amount, budget_mark
 
 ORIGINAL, AGAINST = "original", "vs "
-"""Labels of the victim as it was, and (before the adversary's) of retrained ones."""
+"""Label of the original victim, and prefix (before the adversary's label) of retrained ones."""
 
 STRONGEST = "e_apil"
-"""Whose adversary table 4 is played with."""
+"""Method of table 4's adversary."""
 
 _TITLES = {
     3: "Retrained victims against the baseline adversary",
@@ -119,7 +119,7 @@ def crossplays(sources: Sources) -> list[Played]:
 
 
 def _known(bench: StoredBench, document: CrossPlay, attacks: Mapping[str, Attack]) -> dict[str, Attack]:
-    """Attacks by label; a benchmark that was moved has its cells by their labels still."""
+    """Attacks by label; after a benchmark was moved its cells still have their labels."""
     cells = labels(bench.benchmark.cells_of(document.env))
     paths = {label: str(bench.cell(name).path.resolve()) for name, label in cells.items()}
     paths |= {p.label: path for p in document.adversaries if (path := p.name.removeprefix("run:")) in attacks}
@@ -165,7 +165,7 @@ def _entries(played: Played) -> Iterator[_Entry]:
         original = _is_original(victim)
         name = victim.label.removeprefix(AGAINST)
         if not original and name == victim.label:
-            continue  # somebody else's victim
+            continue  # neither the original victim nor one retrained against a method
         teacher = next((player for player in document.adversaries if player.label == name), None)
         for number, opponent in _opponents(played, teacher, _attacked(played, victim), original):
             score = document.score(opponent.label, victim.label)

@@ -33,7 +33,7 @@ _FREE = (
     *("recorders", "log_rows", "plugins", "version", "options", "game", "game.physics"),
 )
 _FREE_SECTIONS = ("checkpoint.", "evaluation.", "options.")
-"""Told elsewhere, or without effect, or a matter of one method."""
+"""Settings shown elsewhere, without effect on results, or specific to one method."""
 
 DEFAULT_VICTIM, STUDENT = "default", "embedded student"
 
@@ -44,7 +44,7 @@ class Key:
 
     Attributes:
         axes: key and value of the settings its benchmark varies, where they are not the default.
-        other: key and value of what else differs from the defaults, whatever the method.
+        other: key and value of further settings that differ from the defaults, for any method.
         observers: names of those the training had.
         scored_with: observers that were switched on for the scored games only, as name and options.
         variant: 0, or counts up where runs of one cell differ in something else still.

@@ -11,7 +11,7 @@ from apil_core.evaluation.results import Rate, wilson
 from apil_core.studies.report.table_models import Share, Verdict
 
 ENOUGH_SEEDS = 3
-"""Below so many the spread over seeds cannot be told."""
+"""Fewest seeds for statements on the spread over seeds."""
 
 _RESAMPLES = 5000
 

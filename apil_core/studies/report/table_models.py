@@ -11,10 +11,10 @@ from apil_core.common.statistics import Difference
 from apil_core.studies.report.words import budget_mark
 
 Verdict = Literal["within noise", "higher", "lower", "no published value", "not measured"]
-"""What the difference of two shares says; ``within noise`` means that it could be chance."""
+"""Sign of the difference of two shares; ``within noise`` means that it could be chance."""
 
 Side = Literal["adversary", "victim"]
-"""Whose wins a share counts."""
+"""Side whose wins a share counts."""
 
 
 class Setting(BaseModel):
@@ -22,7 +22,7 @@ class Setting(BaseModel):
 
     Attributes:
         id: short and stable: ``"s1"``, …
-        label: in words, e.g. ``"1 M steps, fast physics"``; tells it from the report's other settings.
+        label: in words, e.g. ``"1 M steps, fast physics"``; unique in the report.
         steps: adversaries' training budget asked for; ``None`` where there is none or several.
         retrain_steps: budget of the victims' retraining, in tables 3 and 4.
         published_steps: the published budget that this one is measured by; ``None`` where the paper played

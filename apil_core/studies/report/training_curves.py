@@ -18,7 +18,7 @@ from apil_core.studies.report.table_models import Setting, Table
 from apil_core.training.storage.recorders import read_metrics
 
 POINTS = 150
-"""Points of a line at most: more cannot be seen, and the page stays small."""
+"""Maximum points of a line: more are not visible, and the page stays small."""
 
 _FACTS = {
     "apil/mse": "imitator: squared error",
@@ -33,7 +33,7 @@ _FACTS = {
 UNEVEN = "steps with r^α + r^ν ≠ 0, per game"
 RATIO = "imitator's squared error over the best constant's"
 _LAST = 20
-"""Rows that a final value is the mean of."""
+"""Number of rows that a final value averages."""
 
 
 def curve_panels(

@@ -17,16 +17,16 @@ from apil_core.studies.report.training_curves import RATIO, UNEVEN
 from apil_core.studies.report.words import amount, percent, several
 
 TIES = 0.9
-"""Share of win+tie from which it is said how many of them are ties."""
+"""Share of ties in win+tie from which on a warning is given."""
 
 _FEW = 20
 """Games below which a share of them is not worth a warning."""
 
 _LISTED = 5
-"""Unfinished cells that are named; all of them are listed elsewhere."""
+"""Number of unfinished cells to name; all of them are listed elsewhere."""
 
 _RARE = 0.01
-"""Δr says nothing new where rewards are not opposite in fewer steps per game than this."""
+"""Steps per game with non-opposite rewards below which Δr and r^α are the same objective."""
 
 
 def setting_warnings(settings: Sequence[Setting], tables: Sequence[Table]) -> Iterator[Warning]:

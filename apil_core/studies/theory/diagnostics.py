@@ -19,7 +19,7 @@ from apil_core.training.storage.recorders import read_metrics
 from apil_core.training.storage.run_dir import RunDir
 
 KL, KL_MAX, IMITATOR_KL, BOUND = "kl", "kl_max", "imitator_kl", "bound"
-"""Names of the lines; the second and third are there only if the run logged them."""
+"""Names of the lines; the second and third exist only if the run logged them."""
 
 _METRICS = {KL: "ppo/kl", KL_MAX: "ppo/kl_max", IMITATOR_KL: "apil/imitator_kl"}
 _RETURN = "return/victim"

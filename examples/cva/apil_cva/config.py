@@ -15,7 +15,7 @@ class SurrogateConfig(Section):
     observes: Literal["adversary", "victim", "both"] = "adversary"
     """Whose observation it reads."""
     hidden: Annotated[tuple[Annotated[int, Field(gt=0)], ...], Field(min_length=1)] = (64, 64)
-    """Hidden tanh layers; the last one is what curiosity looks at."""
+    """Hidden tanh layers; the last one is the input of curiosity."""
     learning_rate: Annotated[float, Field(gt=0)] = 3e-4
     """Adam's step size."""
     epochs: Annotated[int, Field(gt=0)] = 4

@@ -44,7 +44,7 @@ class Curiosity(nn.Module):
 
         Args:
             bonus: of the rollout's steps.
-            done: (T, n), ends of games, at which the return starts anew.
+            done: (T, n), ends of games, at which the return restarts.
         """
         if not self.config.normalize:
             return bonus

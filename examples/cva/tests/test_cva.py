@@ -51,7 +51,7 @@ def test_the_bonus_is_half_the_mean_squared_error_of_the_prediction():
 def test_the_bonus_is_divided_by_the_spread_of_its_discounted_return():
     curiosity = linear_curiosity(normalize=True)
     # one game, γ = ½, bonus 1, 2, 4, the game ends after the second step:
-    # returns 1, ½ · 1 + 2 = 2.5, then anew 4; their mean is 2.5, their variance (2.25 + 0 + 2.25) / 3 = 1.5
+    # returns 1, ½ · 1 + 2 = 2.5, restart: 4; their mean is 2.5, their variance (2.25 + 0 + 2.25) / 3 = 1.5
     raw = torch.tensor([[1.0], [2.0], [4.0]])
     done = torch.tensor([[False], [True], [False]])
     torch.testing.assert_close(curiosity.normalized(raw, done), raw / 1.5**0.5)

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 _BLOCK = 1024
-"""States whose distances are held at a time."""
+"""Number of states per chunk of distances."""
 
 
 def neighbour_distance(states: Tensor, references: Tensor, k: int, own: Tensor | None = None) -> Tensor:

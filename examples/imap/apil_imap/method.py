@@ -71,7 +71,7 @@ class Imap(Method):
 
     @hookimpl
     def finish_rollout(self, run: Run, rollout: Rollout) -> dict[str, Tensor]:
-        """The bonus of every step, (T, n), in units of the standard deviation of its discounted return."""
+        """Bonus of every step, (T, n), in units of the standard deviation of its discounted return."""
         with torch.no_grad():
             bonus = self._bonus(run, rollout)
             scaled = self._scaled(bonus, rollout.done)
@@ -142,7 +142,7 @@ class Imap(Method):
         observations, features = rollout.victim_observation, self.features["victim"]
         carried = self._opening
         if carried is not None and carried.shape != observations[0].shape:
-            carried = None  # taken over from a run with another number of games, which all begin anew
+            carried = None  # from a run with another number of games, which all restart
         targets = openings(observations, rollout.first, carried)
         self._opening = targets[-1].clone()
         return closeness(features.normalize(observations), features.normalize(targets))

@@ -33,7 +33,7 @@ class Mimic(nn.Module):
         return acted.kl(self.policy(states))
 
     def learn(self, acted: DiagonalGaussian, states: Tensor, generator: torch.Generator) -> float:
-        """Train some passes over one rollout, flattened to (m, …); return the mean divergence beforehand."""
+        """Train some passes over one rollout, flattened to (m, …); return the mean over their steps."""
         losses = []
         for _ in range(self.config.epochs):
             order = torch.randperm(len(states), generator=generator, device=generator.device)

@@ -32,7 +32,7 @@ class MaskedObservation(Observer):
         """Mask the opponent in the victim's observation (n, o); return ``None`` for the adversary's.
 
         Raises:
-            ConfigError: means are asked for, and no training has told them.
+            ConfigError: ``way`` is ``mean``, and no training has recorded means.
         """
         if context.role != "victim":
             return None

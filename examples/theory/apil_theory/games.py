@@ -45,7 +45,7 @@ class TabularGame:
         """The decision problem of one side while the other is fixed.
 
         Args:
-            side: who learns.
+            side: index of the learning side.
             other: the other side's policy, (S, its actions).
             reward: of states, (S,), or of states and the learner's actions, (S, its actions).
         """

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 _ROUNDS = 1000
-"""Rounds of policy iteration at most; a handful is enough where it converges at all."""
+"""Maximum rounds of policy iteration, which usually converges in a few."""
 
 
 @dataclass(frozen=True)

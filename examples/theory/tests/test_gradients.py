@@ -104,6 +104,6 @@ def test_in_shared_rollouts_value_negation_teaches_only_through_what_the_adversa
     assert np.abs(shared_gradient(game, deaf, victim, psi)).max() < 1e-12
     heeding = rng.dirichlet(np.ones(3), size=(3, 3))
     assert np.abs(shared_gradient(game, heeding, victim, psi)).max() > 0.01
-    # whoever plays the imitator's games with the imitator has the gradient in either case
+    # with the imitator acting in its own games, the gradient follows in either case
     own = game.alone(VICTIM, deaf[:, 0], -game.rewards[ADVERSARY])
     assert np.abs(policy_gradient(own, psi)).max() > 0.01

@@ -102,7 +102,7 @@ def test_values_of_games_by_hand() -> None:
 
 
 def test_a_policy_is_no_distance_from_itself(trained: RunDir, tmp_path: Path) -> None:
-    """Two copies of the same weights: the KL is zero, whatever is drawn."""
+    """Two copies of the same weights: the KL is zero for every draw."""
     copy = tmp_path / "copy"
     (copy / "checkpoints").mkdir(parents=True)
     (copy / "config.yaml").write_bytes(trained.config_path.read_bytes())

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MEASURES = {WIN: "win", WIN_OR_TIE: "win or tie", RETURN: "return", IMITATOR: "imitator's error"}
-"""Lines that learning curves are drawn of, and their names on the page."""
+"""Lines of learning curves, and their names on the page."""
 
 _AXES = {
     WIN: "games won by the adversary, %",
@@ -31,10 +31,10 @@ _LOGGED = {
     "bound": "bound that this KL implies",
     "imitator_kl": "KL between successive imitators",
 }
-"""Names of diagnostic lines in words; others stand for themselves."""
+"""Titles of diagnostic lines; others use their own name."""
 
 TRIVIAL = "2H, the trivial bound"
-"""Fact of a run: what holds without any bound. It is drawn beside the bound, which says nothing above it."""
+"""Fact of a run: the trivial bound, drawn for reference; a bound above it is uninformative."""
 
 _DECADES = 100.0  # of the largest by the least value, from which a logarithmic axis reads better
 
@@ -66,7 +66,7 @@ def _learning(panel: CurvePanel, measure: str, found: Mapping[str, Pen], setting
         draw_panel(axis, measure, groups, [pen_of(found, group.curves[0].method) for group in groups])
         axis.set_ylabel(_AXES[measure])
         if measure in _SHARES:
-            # both shares of a game have one scale, from nought, so that they can be compared
+            # both shares of a game have one scale, from 0, so that they can be compared
             axis.set_ylim(0, scale_top(100 * max(_shares(panel), default=0.0)))
             base = getattr(panel, f"baseline_{measure}")
             if base is not None:

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SEEING = "seeing adversary"
-"""Of scores in which nothing is hidden from it."""
+"""Label of unblinded scores."""
 
 _HATCHES = ("", "///", "", "|||", "", "\\\\\\", "", "xxx")
-"""Over the colours of causes: neighbours differ without colour too."""
+"""Hatches of causes, so that neighbours differ without colour too."""
 
 _OUTCOMES = (
     ("adversary wins", "wins", placeholder("adversary"), ""),

@@ -15,7 +15,7 @@ from apil_core.common.charts import Pen, web
 from apil_core.common.colours import Colour
 
 BASELINE = "baseline"
-"""Column and opponent that no method made."""
+"""Column and opponent without a method."""
 
 _CAUSES: tuple[Colour, ...] = (
     (51, 34, 136),
@@ -27,7 +27,7 @@ _CAUSES: tuple[Colour, ...] = (
     (170, 68, 153),
     (153, 153, 51),
 )
-"""Of what ended games: Tol's muted scheme, which colour-blind people can tell apart, and no method has."""
+"""Colours of causes: Tol's muted scheme, colour-blind safe and different from the methods'."""
 
 _COLOURS: dict[str, Colour] = {
     **{f"line-{i}": colour for i, colour in enumerate(colours.LINES)},

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 WIDTH = 5.0
-"""Inches of a figure of which two stand side by side, at text of 9 points."""
+"""Width in inches of a figure in half the page's width, at text of 9 points."""
 
 _STYLE: dict[str, Any] = {
     **STYLE,
@@ -44,7 +44,7 @@ _STYLE: dict[str, Any] = {
 _SVG = "{http://www.w3.org/2000/svg}"
 _LINK = "{http://www.w3.org/1999/xlink}href"
 _FAMILY = re.compile(r"(?<=px) '[^;]*|font-family: [^;]*; ")
-"""Fonts of matplotlib; the page has its own."""
+"""matplotlib's fonts; the page has its own."""
 
 
 @dataclass(frozen=True)
