@@ -89,7 +89,7 @@ WRITERS = (
 
 @dataclass(frozen=True)
 class Case:
-    """A command, whether it must fail, and what was done to its input."""
+    """A command, whether it must fail, and the change to its input."""
 
     words: list[str]
     wrong: bool
@@ -97,7 +97,7 @@ class Case:
 
 
 def settings(chance: random.Random, base: dict[str, Any], path: Path) -> tuple[bool, str]:
-    """Write ``base`` with one thing altered; whether it is wrong now, and what was done."""
+    """Write ``base`` with one change; return whether it is now invalid, and the change."""
     from ruamel.yaml import YAML
 
     data, wrong, what = altered(chance, base)
@@ -227,7 +227,7 @@ def make_seeds(root: Path) -> None:
 
 
 def forked(work: Callable[[], Any], out: Path | None) -> int:
-    """Fork a worker, a process group of its own, that ends with what ``work`` returns; its id."""
+    """Fork a worker in its own process group that exits with the result of ``work``; return its id."""
     if child := os.fork():
         return child
     code = 99
@@ -307,7 +307,7 @@ def main(words: Sequence[str] | None = None) -> int:
     for module in IMPORTED_ONCE:
         import_module(module)
     root = Path(tempfile.mkdtemp(prefix="apil-fuzz-"))
-    # no thread of torch's may run in what is forked later: seeds are made in a fork, too
+    # torch must start no threads before later forks, so seeds are made in a fork, too
     if os.waitpid(forked(lambda: make_seeds(root / "seeds"), root / "seeds.out"), 0)[1]:
         print((root / "seeds.out").read_text())
         return 1

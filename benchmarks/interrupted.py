@@ -26,7 +26,7 @@ from apil_core.studies.bench.folder import BenchDir
 from apil_core.training.storage.recorders import read_metrics
 
 TIMINGS = {"wall_seconds", "steps_per_second", "collect_seconds", "update_seconds", "memory_mb"}
-"""Metrics in which two runs of the same thing differ."""
+"""Metrics in which two identical runs differ."""
 
 SIGNALS = (signal.SIGINT, signal.SIGKILL)
 
@@ -52,7 +52,7 @@ def main(words: Sequence[str] | None = None) -> int:
     chance = random.Random(asked.seed)
     total = _rows(BenchDir(peaceful))
     for number in range(1, asked.times + 1):
-        # a moment of the work, not of the clock: between what is done and what is left, never after the end
+        # chosen by rows, not by time: after the present ones and never after the end
         done = _rows(BenchDir(disturbed))
         moment = chance.randint(done + 1, max(done + 1, total * number // (asked.times + 1)))
         _disturb(asked.matrix, disturbed, asked.workers, moment, total, chance.choice(SIGNALS))

@@ -20,14 +20,14 @@ TRIES = 30
 
 
 class RunArtifacts(BaseModel):
-    """Artifacts of a run; ``None`` where one could not be made, and then ``notes`` says why.
+    """Artifacts of a run; ``None`` where one could not be made; ``notes`` has the reason.
 
     Attributes:
         opponent: score of the game's own opponent of the victim, in the games of the run's own score.
-        victim_blinded: the run's against a victim that does not see it: what the adversary wins beyond that,
-            it wins by what the victim sees of it.
+        victim_blinded: the run's score against a victim that does not see it; wins beyond that are due to the
+            victim's observation of the adversary.
         curve, won_game: files.
-        notes: what could not be made, and why.
+        notes: artifacts that could not be made, with reasons.
     """
 
     opponent: EvaluationResult | None = None
@@ -61,7 +61,7 @@ def make_artifacts(run: RunDir, progress: Progress | None = None) -> RunArtifact
 def _attempt(made: RunArtifacts, lack: str, make: Callable[[], Made]) -> Made | None:
     try:
         return make()
-    except Exception as error:  # OpenGL, encoder or disk; further seeds may be waiting for their turn
+    except Exception as error:  # OpenGL, encoder or disk; further seeds may still have to run
         kind = "" if isinstance(error, ApilError) else f"{type(error).__name__}: "
         made.notes.append(f"{lack}: {kind}{error}")
         return None

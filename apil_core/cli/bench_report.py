@@ -32,7 +32,7 @@ def report(
     force: Annotated[bool, Parameter(help="Replace a report in --out.", show_default=False)] = False,
     json: Json = False,
 ) -> int:
-    """Put a benchmark's results beside the published ones: one page, and tables as CSV and LaTeX.
+    """Compare a benchmark's results with the published ones: one page, and tables as CSV and LaTeX.
 
     Available results are shown; missing, weak or incomparable ones are marked as such.
     """

@@ -59,8 +59,8 @@ class Placement:
     def share(self) -> tuple[int, int]:
         """Number of parallel jobs, and threads per job; by default their product is the number of CPUs.
 
-        How many CPUs a cluster has is known to Ray alone: each job gets one there, and 0 workers stand for
-        as many as fit.
+        Only Ray knows a cluster's number of CPUs: each job gets one there, and 0 workers means as many
+        as fit.
 
         Raises:
             ConfigError: a number below 1.
@@ -200,8 +200,8 @@ def _same_as_stored(bench: BenchDir, benchmark: Benchmark, named: Collection[str
 
     Args:
         bench: its directory.
-        benchmark: asked for.
-        named: games whose victims the matrix names itself.
+        benchmark: the requested one.
+        named: games with victims in the matrix.
 
     Raises:
         ConfigError: a cell or a retraining that was begun there has other settings now.
@@ -233,12 +233,12 @@ def _same_as_stored(bench: BenchDir, benchmark: Benchmark, named: Collection[str
             "since its cells are named without it: put new ones behind it"
         )
     pinned = {game: stored.get(game, names) for game, names in benchmark.matrix.victims.items()}
-    # the version decides what its cells are called
+    # the version determines the names of cells
     asked = benchmark.matrix.model_copy(update={"victims": pinned, "version": matrix.version}, deep=True)
     benchmark = resolve_matrix(asked, str(bench.matrix_path))
     for cell in benchmark.cells:
         run, begun = bench.cell(cell.name), None
-        with suppress(ApilError):  # if it cannot be read, its job fails and says so
+        with suppress(ApilError):  # if it cannot be read, its job reports the error
             begun = run.config()
         if begun is not None:
             check_same(begun, cell)

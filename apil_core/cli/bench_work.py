@@ -24,7 +24,7 @@ def work(
         bool, Parameter(show_default=False, help="Stop with a checkpoint when standard input closes.")
     ] = False,
 ) -> int:
-    """Do what is left of one job of a benchmark."""
+    """Do the remaining work of one job of a benchmark."""
     from apil_core.cli.progress import PlainProgress
     from apil_core.studies.bench.work import perform
 

@@ -105,7 +105,7 @@ def flags_of(
             that was not given.
         groups: keys by the group of the help they are shown in; those of sections have dots, and
             ``game.physics`` is the profile of a model's game.
-        texts: help of those keys whose own text says something else, or ``[default: …]`` in its place.
+        texts: help of keys for which the field's text does not apply, or ``[default: …]`` in its place.
     """
 
     def decorate(cls: type[Made]) -> type[Made]:

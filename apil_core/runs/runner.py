@@ -130,7 +130,7 @@ def resume(
             trainer.load_state_dict(state)
         if not ended and config.steps == stored.steps:  # only the final score is missing
             trainer.stopped = state.get("stopped", "")
-        world.wait()  # until all have read what the first one changes now
+        world.wait()  # until all have read the files that the first process now changes
         if world.is_main:
             truncate_metrics(directory.metrics_path, iterations_in_rows(state))
             directory.abandon_after(state["iteration"])
@@ -190,7 +190,7 @@ def changed(config: Config, steps: int | None, threads: int | None) -> Config:
     """Return ``config`` with another budget or number of threads.
 
     Raises:
-        ConfigError: it may not have that value.
+        ConfigError: the value is not allowed.
     """
     data = config.model_dump()
     data.update({key: v for key, v in (("steps", steps), ("threads", threads)) if v is not None})

@@ -28,7 +28,7 @@ def score_in_training(
 ) -> EvaluationResult:
     """Score a trainer's adversary (or another) without changing the training games or their randomness.
 
-    Methods are rebuilt from their state, so that what they carry from step to step stays apart.
+    Methods are rebuilt from their state, so that their per-step state is separate.
 
     Args:
         trainer: of the run.

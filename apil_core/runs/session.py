@@ -61,7 +61,7 @@ class Session:
     records anything.
 
     Args:
-        pending_rows: metrics that the checkpoint says are in no row of the log yet.
+        pending_rows: the checkpoint's metrics that are in no row of the log yet.
         evaluations: of an earlier stretch, as the checkpoint has them.
     """
 
@@ -82,7 +82,7 @@ class Session:
         names = self.config.recorders if self.world.is_main else ()
         recorders = open_recorders([plugins.recorders[name] for name in names], run_dir.path)
         self.log = RowLog(recorders, iterations_per_row(self.config), pending_rows, progress.note)
-        # what won most is only worth remembering where it is still there
+        # the best evaluation is only useful while its checkpoint exists
         self.history = EvaluationHistory(evaluations if run_dir.best_path.is_file() else ())
         self.victim = victim_name(self.config, plugins)
         self._saved_iteration = -1
@@ -112,7 +112,7 @@ class Session:
                 with hooks.arguments_unchanged():
                     if self._goes_on:
                         self._iteration()
-                states_of(hooks.of(RunPlugin))  # what grows in training can be stored as well
+                states_of(hooks.of(RunPlugin))  # state that grows in training must be storable as well
                 while self._goes_on:
                     self._iteration()
                 self.save()
@@ -246,7 +246,7 @@ class Session:
         Not interrupted by Ctrl-C: a resumed run would lack the score.
         """
         trainer, wanted = self.trainer, self.config.evaluation
-        # the final score must not be of the games that the best was chosen by
+        # the final score must not use the games by which the best was selected
         seed = stream_seed(self.config.seed, "evaluation during training")
         result = score_in_training(trainer, wanted.periodic_episodes, self.progress, seed=seed)
         self.progress.evaluation(result, trainer.steps)

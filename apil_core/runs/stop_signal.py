@@ -41,8 +41,8 @@ class StopWish:
     """Counts signals: the first asks training to end after its iteration, the second ends it at once.
 
     Attributes:
-        asked: whether there was one.
-        progress: passes an evaluation's progress on, and breaks it off with :class:`Stopped` once asked.
+        asked: whether a signal was received.
+        progress: forwards an evaluation's progress, and interrupts it with :class:`Stopped` once asked.
 
     Args:
         progress: gets a note of the request, and the progress of evaluations.

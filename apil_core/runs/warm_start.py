@@ -1,6 +1,6 @@
 """Start from any policy: clone it into the adversary's network, then fit the critic.
 
-Like DAgger (Ross et al. 2011): mostly the clone plays, and the teacher says what it would have done. The
+Like DAgger (Ross et al. 2011): mostly the clone plays, and the teacher labels its states. The
 network is the run's own, so that all else stays as it is: exact resume, export, methods' added inputs.
 """
 

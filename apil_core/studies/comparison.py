@@ -142,7 +142,7 @@ def _other_options(runs: Sequence[RunDir]) -> list[str]:
     """One line with the game options in which runs of one game differ."""
     configs = [run.config() for run in runs]
     if len({config.env for config in configs}) > 1:
-        return []  # said already, and options of other games mean other things
+        return []  # reported already, and options of different games are not comparable
     games = [stored_game(config) for config in configs]
     different = []
     for key in dict.fromkeys(key for game in games for key in game):

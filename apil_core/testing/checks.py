@@ -17,7 +17,7 @@ class Check:
 
     Attributes:
         title: heading of its section in docs/testing.md.
-        text: what must hold, in one sentence.
+        text: the requirement, in one sentence.
     """
 
     title: str

@@ -23,7 +23,7 @@ class Trial:
     Attributes:
         name: for messages.
         make: called with ``num_envs`` and ``threads``; gives fresh games.
-        skipped: what could not be checked, and why.
+        skipped: checks that could not be made, with reasons.
         endings: how often games of the check ended how.
     """
 

@@ -41,7 +41,7 @@ def check_game(
         options: of the game; an option ``max_steps`` is set to 20 unless it is among them.
 
     Returns:
-        what was checked, and how fast the game is; ``print`` it.
+        the checks made, and the game's speed; ``print`` it.
 
     Raises:
         ContractError: the first check that fails.

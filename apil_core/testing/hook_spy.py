@@ -40,7 +40,7 @@ class Mistake:
     Attributes:
         check: key of ``METHOD_CHECKS``.
         hook: during which it was done.
-        text: what.
+        text: description.
     """
 
     check: str

@@ -46,7 +46,7 @@ def _fillers(hooks: RunHookManager, name: str) -> list[str]:
 
 
 def _event(call: Call) -> str:
-    if call.hook in ("filter_observation", "update_auxiliary"):  # asked one by one
+    if call.hook in ("filter_observation", "update_auxiliary"):  # called one by one
         return f"{call.hook} of {call.plugins[0]}"
     return call.hook
 

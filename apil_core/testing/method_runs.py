@@ -64,7 +64,7 @@ def check_state(tested: MethodUnderTest, method: Method, when: str) -> None:
     """Check saved state: its types, through a file, and loaded into a fresh object.
 
     Args:
-        tested: whose state it is.
+        tested: the method.
         method: its object.
         when: for the message: how far it has got.
     """
@@ -95,7 +95,7 @@ def watched_run(tested: MethodUnderTest, out: Path) -> WatchedRun:
         trainer = train(tested, config, out, manager=spied_hooks(spy))
     except ContractError as error:
         failure = error
-    for mistake in spy.mistakes:  # the first wrong thing, which may be why it failed
+    for mistake in spy.mistakes:  # the first mistake, which may be the cause of the failure
         raise tested.broken(mistake.check, mistake.text, mistake.hook) from failure
     if failure is not None:
         raise failure

@@ -57,10 +57,10 @@ def check_import(who: str, check: Check, registry: PluginRegistry, kind: str, na
 
     Args:
         who: for the message.
-        check: that is broken if torch or mujoco came along.
-        registry: knows the plugins.
+        check: that fails if torch or mujoco is imported.
+        registry: of the plugins.
         kind: ``"methods"``, ``"games"`` or ``"policies"``.
-        name: of what is offered.
+        name: of the offered method, game or policy.
 
     Returns:
         why it was not checked, or ``None``.

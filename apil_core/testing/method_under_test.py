@@ -127,7 +127,7 @@ def train(
     As :func:`apil_core.run` and :func:`apil_core.resume` do, but with the tested's registry.
 
     Args:
-        tested: whose method it is.
+        tested: the method.
         config: of the run.
         out: its directory.
         check: that is broken if something goes wrong.

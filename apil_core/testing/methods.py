@@ -35,7 +35,7 @@ def check_method(
         env: the game to try it on.
 
     Returns:
-        what was checked, and what its hooks cost; ``print`` it.
+        the checks made, and the cost of its hooks; ``print`` it.
 
     Raises:
         ContractError: the first check that fails.

@@ -31,8 +31,8 @@ class MethodReport:
         name: of the method.
         env: the game it was tried on.
         checked: titles of the checks.
-        skipped: what could not be checked, and why.
-        hooks: what it fills, and what that costs.
+        skipped: checks that could not be made, with reasons.
+        hooks: implemented hooks with their cost.
         seconds_per_step: all of its hooks per vectorised step of the watched run, those per rollout included.
         num_envs: games of a vectorised step.
         seconds: processor time of the whole check.
@@ -66,7 +66,7 @@ class GameReport:
     Attributes:
         name: of the game.
         checked: titles of the checks.
-        skipped: what could not be checked, and why.
+        skipped: checks that could not be made, with reasons.
         sides: name, size of observation and of action.
         steps_per_second: of all games together, random actions, one thread.
         endings: how often the games of the check ended how.
@@ -100,7 +100,7 @@ class VictimReport:
         side: name of its seat.
         sha256: of its weights.
         checked: titles of the checks.
-        notes: what is allowed, and worth knowing.
+        notes: permitted but notable findings.
         wins, ties, losses: the victim's, against the random baseline.
         seconds: processor time of the whole check.
     """

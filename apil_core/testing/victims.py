@@ -37,7 +37,7 @@ class Candidate:
 
     Attributes:
         name: as given.
-        game: whose seat it takes; not stepped.
+        game: with the seat it takes; not stepped.
         side: index of the seat.
         registry: in which the name is looked up.
     """
@@ -76,7 +76,7 @@ def check_victim(
         side: index of the seat; default: the game's victim's.
 
     Returns:
-        what was checked, and how it does against noise; ``print`` it.
+        the checks made, and its score against noise; ``print`` it.
 
     Raises:
         ContractError: the first check that fails.

@@ -4,8 +4,8 @@
         --set 'observers=[recorder]' ...
     python benchmarks/imitation/study.py games --env ENV
 
-Every rollout is met once: an imitator is measured on it, then learns from it, as in training. The recorded
-adversary does not see ã, so what is measured is imitation alone.
+Every rollout is used once: an imitator is measured on it, then learns from it, as in training. The recorded
+adversary does not see ã, so only imitation is measured.
 """
 
 from __future__ import annotations

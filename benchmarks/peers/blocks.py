@@ -103,8 +103,8 @@ class Standing:
         rate: environment steps per second.
         of_physics: its rate over that of the physics beside it, or ``None``.
         over_sb3: its rate over that of Stable-Baselines3 in the same round, or ``None`` without it.
-        over_sb3_beside_physics: the same of both one's shares of the physics beside them, which spares the
-            quotient what the machine did in the meantime; ``None`` without either.
+        over_sb3_beside_physics: the same ratio of both shares of the physics measured beside them, which
+            cancels changes of the machine's load; ``None`` without either.
     """
 
     contestant: str

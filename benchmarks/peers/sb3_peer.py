@@ -56,7 +56,7 @@ class StableBaselines:
         envs = vec_env(task, text)
         self._envs = VecNormalize(envs, gamma=ppo.gamma, clip_obs=ppo.observation_clip, clip_reward=10.0)
         self._model = PPO(
-            "MlpPolicy",  # tanh layers, orthogonal weights, Adam's epsilon 1e-5: as ours
+            "MlpPolicy",  # tanh layers, orthogonal weights, Adam's epsilon 1e-5: as in APIL
             self._envs,
             learning_rate=ppo.learning_rate,
             n_steps=task.steps_each(envs.num_envs),

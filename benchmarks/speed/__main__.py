@@ -56,8 +56,8 @@ def speed(
 ) -> int:
     """Measure physics alone, games, victim, collection and training, in turns and on the same games.
 
-    Rates depend on the machine and on what else it does. Ratios to the physics, on identical work done
-    seconds apart, say what everything else costs. Numbers are medians and quartiles over blocks; see
+    Rates depend on the machine and its load. Ratios to the physics, on identical work done
+    seconds apart, show the cost of everything else. Numbers are medians and quartiles over blocks; see
     docs/benchmarking.md. Ctrl-C keeps the settings that are finished.
     """
     plugins = discover(plugin or [])

@@ -47,9 +47,9 @@ class Blocks:
     """All blocks of one setting.
 
     Attributes:
-        setting: what is stepped.
+        setting: the measured one.
         levels: that are reported.
-        base: what ratios are to.
+        base: level that ratios refer to.
     """
 
     setting: Setting
@@ -63,8 +63,8 @@ class Blocks:
         """Add one more block of each level.
 
         Args:
-            method: whose games they were in.
-            levels: seconds, and the largest memory meanwhile.
+            method: of the games.
+            levels: seconds and peak memory by level.
             base: seconds of the base.
             lap: of the method's training.
         """

@@ -44,8 +44,8 @@ def measure(
     Args:
         cells: from :func:`.plan.make_plan`.
         plugins: to build from.
-        command: what is kept as the way to get this report.
-        say: gets a line of progress now and then.
+        command: stored in the report for reproducibility.
+        say: called with lines of progress.
         keep: called with the report after each cell.
 
     Raises:
@@ -149,7 +149,7 @@ class CellBench:
     ) -> tuple[Measured, Lap]:
         """Measure every level of a method, and its games without it if ``replay`` is given.
 
-        The iteration's physics is recorded meanwhile; what recording took does not count.
+        The iteration's physics is recorded during it; the time of recording is not counted.
         """
         hooks, start = training.timed_hooks, training.start()
         calls, dispatch = hooks.calls, hooks.seconds

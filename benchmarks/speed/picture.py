@@ -36,7 +36,7 @@ def draw_speed(report: SpeedReport, path: Path) -> None:
     """Draw a report with at least one row, atomically; a file of that name is replaced.
 
     Args:
-        report: what was measured.
+        report: the measurements.
         path: of the picture, a PNG.
 
     Raises:

@@ -21,7 +21,7 @@ class Replay:
     """A second set of games of the same kind, and a second victim.
 
     Args:
-        attack: whose games are played again.
+        attack: with the games to replay.
         plugins: to build them from.
     """
 

@@ -78,7 +78,7 @@ class SpeedRow(Setting):
 
     Attributes:
         level: see :data:`Level`.
-        method: of training and what belongs to it, else ``None``.
+        method: of the training levels, else ``None``.
         steps_per_second: environment steps (of one game each) per second.
         ratio: of that rate to the base's in the same round.
         ratio_to: the base: ``physics``, or ``game`` where physics cannot be timed alone.
@@ -118,8 +118,8 @@ class Cell(Setting):
         wall_seconds: all in all.
         same_games: the games of the levels ``game`` and ``victim`` ended bit for bit where those of the
             training did, so that the work was the same.
-        resident_before_mb, resident_after_mb: of the process, before the setting was built and in the end.
-        peak_mb: largest resident set meanwhile.
+        resident_before_mb, resident_after_mb: of the process, before the setting was built and at the end.
+        peak_mb: largest resident set in between.
         peak_exact: the system kept watch (Linux); else it is the largest value seen between blocks.
     """
 

@@ -27,7 +27,7 @@ CHECKS = {
     "victims": "apil_core.cli.doctor_checks.offers:victims",
     "disk": "apil_core.cli.doctor_checks.machine:disk",
 }
-"""Functions from a :class:`Scope` to findings; lazy, since a check may need what is not installed."""
+"""Functions from a :class:`Scope` to findings; lazy, since a check may need missing packages."""
 
 Status = Literal["ok", "warning", "error"]
 """``error`` is for findings that stop ``apil run`` from working."""
@@ -40,8 +40,8 @@ class Finding:
     Attributes:
         check: what was checked, ``"subject"`` or ``"subject: part"``.
         status: see :data:`Status`.
-        detail: what was found.
-        remedy: what would mend it, or what could be added; empty if there is nothing to do.
+        detail: the result.
+        remedy: a fix, or an optional addition; empty if there is nothing to do.
     """
 
     check: str
@@ -68,7 +68,7 @@ class Report(BaseModel):
 class Scope:
     """Working plugins and requested one-file plugins; ``quick`` skips checks that take seconds.
 
-    What breaks ``default_game``, the game of a plain ``apil run``, is an error.
+    A failure of ``default_game``, the game of a plain ``apil run``, is an error.
     """
 
     plugins: PluginRegistry
@@ -96,7 +96,7 @@ def examine(
 
     Args:
         plugin_files: one-file plugins to look at too; a broken one is a finding.
-        quick: leave out what takes seconds: step rates and pictures.
+        quick: skip checks that take seconds: step rates and pictures.
         watch: called with the name of each check when it begins.
     """
     plugins, findings = find_plugins(plugin_files)
@@ -111,7 +111,7 @@ def find_plugins(files: Sequence[Path]) -> tuple[PluginRegistry, list[Finding]]:
     """Return the working plugins; or none, and a finding that says why no plugin can be used at all."""
     try:
         return discover(files, forgiving=True), []
-    except PluginError as reason:  # APIL_STRICT_PLUGINS=1 asks for it
+    except PluginError as reason:  # raised with APIL_STRICT_PLUGINS=1
         remedy = "mend or uninstall it, or unset APIL_STRICT_PLUGINS"
         return PluginRegistry(), [Finding("plugins", "error", str(reason), remedy)]
 

@@ -38,7 +38,7 @@ def python(scope: Scope) -> Iterator[Finding]:
     try:
         wanted = (metadata.metadata("apil").get_all("Requires-Python") or [""])[0]
     except metadata.PackageNotFoundError:
-        wanted = ""  # the check of the packages says so
+        wanted = ""  # reported by the check of the packages
     yield judge_python(platform.python_version(), wanted, sys.executable)
 
 

@@ -22,7 +22,7 @@ BACKENDS = {
     "osmesa": ("OSMesa", "`apt-get install libosmesa6`"),
     "glfw": ("a screen's OpenGL", "start it where DISPLAY or WAYLAND_DISPLAY names a screen"),
 }
-"""Values of MUJOCO_GL on Linux: what each is, and how to get it."""
+"""Values of MUJOCO_GL on Linux, with a description and how to install each."""
 
 _GET = "`apil victims import DIR` or `apil victims download`"
 

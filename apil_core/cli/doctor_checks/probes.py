@@ -56,7 +56,7 @@ def attempt(
         TrialError: it raised, took too long, or its process died.
     """
     order = json.dumps([probe, [str(path) for path in plugin_files], arguments])
-    # -P: like the console script, it must not take the user's folder for a place of libraries
+    # -P: like the console script, it must not import modules from the user's folder
     command = [sys.executable, "-P", "-m", "apil_core.cli.doctor_checks.probes", order]
     try:
         done = subprocess.run(

@@ -35,7 +35,7 @@ class Setting:
     """The parts of a distillation.
 
     Attributes:
-        config: with every ``auto`` and ``null`` spelt out.
+        config: with every ``auto`` and ``null`` resolved.
         game, practice: with the game's own options, and with those of ``config.practice``; may be one.
         side: the student's seat.
     """
@@ -83,7 +83,7 @@ def agent(spec: GameSpec, side: int, plugins: PluginRegistry, flag: str) -> str:
     if here:
         return here[0]
     if own:
-        return own  # loading it says how to get it
+        return own  # the loading error says how to get it
     raise ConfigError(f"{spec.name} names no agent for the {spec.sides[side]}; name one with {flag}")
 
 
@@ -129,7 +129,7 @@ def spread_of(
     """Return the teacher's log-std (a,), and whether it has a recurrent state.
 
     Raises:
-        VictimError: no distribution, or one whose spread depends on what it sees.
+        VictimError: no distribution, or one whose spread depends on the observation.
     """
     rows = 4
     spread = torch.linspace(-1, 1, rows, device=device).unsqueeze(1)

@@ -79,7 +79,7 @@ def settings(
     Args:
         flags: values by setting; ``game.physics`` for the profile.
         sets: ``KEY=VALUE`` texts.
-        plugins: know the game; default: the installed ones.
+        plugins: registry with the game; default: the installed ones.
 
     Raises:
         ConfigError: one line per mistake.

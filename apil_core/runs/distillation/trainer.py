@@ -43,7 +43,7 @@ class Entry:
 class Course:
     """State of a distillation between two stages.
 
-    A stage is a block with its passes, or one final pass over all blocks. What a stage does follows from
+    A stage is a block with its passes, or one final pass over all blocks. A stage is determined by
     the settings, its number and the state before it, so a distillation resumes bit for bit.
     """
 

@@ -217,8 +217,8 @@ def _copy(shape: NetworkShape, weights: Weights) -> PolicyNetwork:
 def _new_critic(shape: NetworkShape, hidden: Sequence[int]) -> PolicyNetwork:
     """Make a feed-forward critic of the victim's observation; torch's global generator draws its weights.
 
-    It has no memory: what it must know of the opponent is in the observation, and a pass through time less
-    is a third of an update less.
+    It is not recurrent: the observation contains the opponent's state, and without a second pass through time
+    an update takes a third less.
     """
     layers = [layer for layer in mlp((shape.observation_size, *hidden, 1)) if isinstance(layer, nn.Linear)]
     weights = {f"mlp.{i}.{name}": getattr(layer, name) for i, layer in enumerate(layers) for name in LINEAR}

@@ -22,7 +22,7 @@ _SWAPPED = {"adversary": "victim", "victim": "adversary"}
 class FixedObservations(ObservationBuilder):
     """The victim's observation, standardised by the fixed statistics of its own training.
 
-    Moving them would change what the victim does without any gradient asking for it.
+    Updating them would change the victim's behaviour without a gradient step.
     """
 
     def __init__(self, hooks: RunHookManager, standardize: Standardizer):

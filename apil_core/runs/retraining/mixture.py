@@ -22,12 +22,12 @@ class MixturePolicy(Policy):
     game from its start.
 
     Attributes:
-        turn: (n,), index of the policy that acted last in each game; what a game that has just ended was
-            played by.
+        turn: (n,), index of the policy that acted last in each game; for a game that has just
+            ended, the one that played it.
 
     Args:
         policies: of one seat, at least one.
-        shares: how often each one plays, scaled to sum to 1; at 0 it is never asked.
+        shares: how often each one plays, scaled to sum to 1; at 0 it is never called.
         mix: draw for each game or for each step.
         seed: of these draws.
     """

@@ -24,7 +24,7 @@ def score_each(
     The players are loaded separately, so no generator of the training is used.
 
     Args:
-        config: the retraining's, with all names spelt out.
+        config: the retraining's, with full names.
         victim: name of the policy to score against.
         episodes: games against each.
         progress: gets the number of games played.

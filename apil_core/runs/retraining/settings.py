@@ -42,7 +42,7 @@ def settings(
             with ``env`` and ``victim`` among the flags) names of policies.
         flags: values by setting; ``game.physics`` for the profile.
         sets: ``KEY=VALUE`` texts.
-        plugins: know games and methods; default: the installed ones, and the one-file plugins.
+        plugins: registry of games and methods; default: the installed ones, and the one-file plugins.
         plugin_files: one-file plugins besides those that the runs name.
 
     Raises:

@@ -28,7 +28,7 @@ class RetrainTrainer(Trainer):
         config: complete.
         attack: its parts; the learner is the victim.
         plugins: as for :class:`Trainer`.
-        stored: whose network the critic was made from; its units are found with the first rollout.
+        stored: source of the critic's network; its units are found with the first rollout.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class RetrainTrainer(Trainer):
     def _learn(self, rollout: Rollout, actor_fixed: bool) -> dict[str, float]:
         if not self._in_units:
             largest = float(rollout.reward.abs().max())
-            if not largest:  # no outcome yet: nothing to learn from, nor its unit to know
+            if not largest:  # no outcome yet: nothing to learn from, and the unit is unknown
                 self.learner.forget()
                 return {}
             self._denormalise(largest)

@@ -24,7 +24,7 @@ class Writer:
         start: ``project``, ``name``, ``group`` and ``config``.
 
     Raises:
-        RuntimeError: a server was asked for and is not reached.
+        RuntimeError: the configured server cannot be reached.
         Exception: any error of trackio.
     """
 
@@ -81,7 +81,7 @@ def main() -> None:
         answers.write("{}\n")
         answers.flush()
         sys.stdout.flush()
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # from now on there may be a live view
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # a live view may use the terminal from here on
         for line in sys.stdin:
             writer.record(json.loads(line))
         writer.close()

@@ -22,7 +22,7 @@ _OFFLINE = ("offline", "dryrun")
 class WandbRecorder:
     """A tracked run at wandb, kept in ``<run_dir>/wandb``; its id in ``<run_dir>/wandb.json``.
 
-    wandb's own settings (environment variables, ``wandb/settings``) come before ours; but a resumed run
+    wandb's own settings (environment variables, ``wandb/settings``) take precedence; but a resumed run
     stays in the project it began in. Steps are environment steps. When a run is resumed
 
     - offline, a new file begins with the rows that ``metrics.jsonl`` kept: the newest one has them all;
@@ -103,7 +103,7 @@ def _ours(tracked: TrackedRun, settings: Any) -> dict[str, Any]:
         "run_group": tracked.group,
         "run_tags": tuple(tag[:64] for tag in tracked.tags),  # longer ones are refused
         "root_dir": str(tracked.run_dir.path.resolve()),
-        "console": "off",  # a live view is no log
+        "console": "off",  # a live view is not worth logging
         "finish_timeout": FINISH_SECONDS,
         "max_end_of_run_history_metrics": 0,
         "max_end_of_run_summary_metrics": 0,

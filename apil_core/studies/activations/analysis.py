@@ -42,10 +42,10 @@ def analyze(
     opponent are those of an evaluation with that seed. The result is the same at any number of threads.
 
     Args:
-        opponents: runs or policy names by label. ``"baseline"`` is normal play, and is there anyway.
+        opponents: runs or policy names by label. ``"baseline"`` is normal play, and is always included.
         options: of all games: :class:`.evaluation.options.PairingOptions`; ``num_envs`` (part of what a seed
             means) is 128 or ``sampling.games`` unless stated.
-        victim: whose activations; default: the runs', which must be one, or the game's.
+        victim: policy to analyse; default: the runs', which must be one, or the game's.
         baseline: name of the opponent of normal play; default: the game's baseline adversary.
         sampling: how much.
         command: stored in the document.

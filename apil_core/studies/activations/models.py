@@ -47,7 +47,7 @@ class ActivationMap(JsonDocument):
     """A victim's activations against each opponent.
 
     Attributes:
-        victim, victim_sha256: whose activations.
+        victim, victim_sha256: name and hash of the analysed policy.
         layer, units: which ones, and how many.
         physics: profile of the games, ``None`` for a game without.
         opponents: labels; the first one is normal play, on games that the density was not fitted on.
@@ -60,7 +60,7 @@ class ActivationMap(JsonDocument):
         samples_per_game: steps of a game in the likelihoods, at most.
         components: of the mixture.
         bic: Bayesian information criterion by number of components, as far as tried.
-        variance, dimensions: share of normal play's variance that was asked for, and how many principal
+        variance, dimensions: requested share of normal play's variance, and how many principal
             directions give it.
         explained: share of it that they have.
         perplexity, seed, num_envs: of the t-SNE; of everything drawn; games in parallel.

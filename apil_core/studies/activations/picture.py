@@ -22,7 +22,7 @@ def draw_activations(found: ActivationMap, path: FilePath, *, methods: Sequence[
     """Draw a map, atomically; a file of that name is replaced.
 
     Args:
-        found: what is drawn.
+        found: the map to draw.
         path: of the picture; see :data:`apil_core.common.charts.FORMATS`.
         methods: labels in an order that several pictures share, so that a method has one colour in all of
             them; default: this map's own. Normal play is grey anyway.

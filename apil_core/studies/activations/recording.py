@@ -54,7 +54,7 @@ class RecordingPolicy(Policy):
     Args:
         policy: the other one; it must tell its activations.
         games: how many will be played by :func:`.evaluation.play.play`, which hands them to free slots in
-            order; what a slot does beyond them is not kept.
+            order; later games of a slot are not recorded.
 
     Raises:
         VictimError: at its first action, if the policy is a black box.

@@ -28,7 +28,7 @@ class Cell:
     """One run of a benchmark.
 
     Attributes:
-        game, method, seed, steps, victim: where it lies on the axes every matrix has.
+        game, method, seed, steps, victim: its values on the axes of every matrix.
         axes: the matrix's further axes that apply to it, value by key.
         name: its directory below ``cells/``.
         config: of the run; the victim is named, "auto" no more.
@@ -69,8 +69,8 @@ def resolve_matrix(matrix: Matrix, origin: str = "matrix") -> Benchmark:
     """Expand a matrix and check every cell as ``apil run`` would.
 
     Args:
-        matrix: what is wanted.
-        origin: what messages call it.
+        matrix: to expand.
+        origin: its name in messages.
 
     Raises:
         ApilError: one line per mistake; nothing has been started then.

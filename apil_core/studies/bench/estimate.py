@@ -23,8 +23,8 @@ class Rate:
     """Measured training speed of a cell on this machine.
 
     Attributes:
-        steps_per_second: environment steps of one worker, alone on the machine as it is now.
-        source: ``"its run"``, if the cell has begun, else ``"measured now"``.
+        steps_per_second: environment steps of one worker, alone, at the machine's present load.
+        source: ``"its run"``, if the cell was started, else ``"measured now"``.
     """
 
     steps_per_second: float
@@ -65,8 +65,8 @@ def estimate(
     """Measure one cell of each kind; a few seconds for each method in each game.
 
     Args:
-        benchmark: what is to be run.
-        status: knows what of it is done.
+        benchmark: to estimate.
+        status: which of its jobs are done.
         threads: physics threads of a worker.
         jobs: of the benchmark, retrainings among them.
         note: called with a description of each measurement.

@@ -18,7 +18,7 @@ class Executor(Protocol):
     def submit(self, job: str) -> Future[Outcome]:
         """Start the job of that name when a worker is free.
 
-        The future gives how it ended. It never raises for what went wrong in the job: the benchmark's
+        The future gives how it ended. It never raises for errors in the job: the benchmark's
         directory remembers that.
         """
 

@@ -101,7 +101,7 @@ class BenchDir:
         """All cells of the matrix, run or not.
 
         Raises:
-            ApilError: the matrix is damaged, or names what is not installed here.
+            ApilError: the matrix is damaged, or names something that is not installed.
         """
         from apil_core.studies.bench.cells import resolve_matrix
 

@@ -34,7 +34,7 @@ class Job:
         kind: one of the kinds above.
         subject: the cell's name, the game, or game and victim.
         needs: names of jobs that must be done before.
-        after: names of jobs that must have ended before, done or failed: it makes do with what there is.
+        after: names of jobs that must have ended before, done or failed: it uses the results that exist.
         steps: environment steps of training in it.
     """
 
@@ -86,7 +86,7 @@ class JobStatus:
 
     Args:
         bench: the directory.
-        benchmark: what is in it.
+        benchmark: the resolved matrix.
     """
 
     def __init__(self, bench: BenchDir, benchmark: Benchmark):
@@ -98,7 +98,7 @@ class JobStatus:
     def is_done(self, job: Job) -> bool:
         """Return whether nothing of it remains to be done.
 
-        Where a file of its results is damaged it is not: the job fails then, and says which.
+        False if a file of its results is damaged: the job then fails and names it.
         """
         try:
             return bool(getattr(self, f"_{job.kind}_done")(job.subject))
@@ -141,7 +141,7 @@ class JobStatus:
         """Label → name of all available attackers of a game: its baseline, and the trained cells."""
         baseline = self.benchmark.baselines.get(game)
         cells = [cell for cell in self.benchmark.cells_of(game) if self.trained(cell)]
-        names = labels(self.benchmark.cells_of(game))  # also of those to come: a label must not change then
+        names = labels(self.benchmark.cells_of(game))  # of untrained ones too: labels stay
         runs = {names[c.name]: f"run:{self.bench.cell(c.name).path.resolve()}" for c in cells}
         return {**({"baseline": baseline} if baseline else {}), **runs}
 

@@ -21,7 +21,7 @@ NAMES_WITHOUT_BUDGET = 2
 """First version in which a cell's name does not hold the matrix's first budget, so that it can be raised."""
 
 PLAIN, BLINDED = "plain", "blinded"
-"""Scores that tables 1 and 2 are made of."""
+"""Scores from which tables 1 and 2 are made."""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 

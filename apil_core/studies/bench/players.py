@@ -14,7 +14,7 @@ def with_full_names(benchmark: Benchmark, origin: str) -> Benchmark:
 
     Args:
         benchmark: resolved; every victim and baseline in it is loaded and put into its seat.
-        origin: what messages call the matrix.
+        origin: the matrix's name in messages.
 
     Raises:
         ApilError: a policy cannot be loaded, does not fit, or cannot be retrained as the matrix asks; a

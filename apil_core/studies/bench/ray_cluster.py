@@ -40,7 +40,7 @@ def connect(address: str | None, cpus: int | None) -> Any:
             ray.init(address, **quiet)
     except ConfigError:
         raise
-    except (Exception, SystemExit) as error:  # Ray ends the program when what answers is no cluster
+    except (Exception, SystemExit) as error:  # Ray exits if the server at the address is no cluster
         what = "Ray does not start here" if address is None else f"--address {address}: no Ray cluster there"
         reason = "it does not answer" if isinstance(error, SystemExit) else " ".join(str(error).split())
         raise ApilError(f"{what}: {reason[:300]}") from error

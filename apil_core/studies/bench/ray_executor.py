@@ -28,7 +28,7 @@ class RayExecutor:
     Args:
         root: the benchmark's directory, the same path on all nodes.
         workers: jobs at a time; ``None``: as many as the cluster has CPUs for now.
-        threads: physics threads of each, and the CPUs it asks Ray for.
+        threads: physics threads of each, and the CPUs it requests from Ray.
         address: the cluster; ``None``: a new one on this machine, gone when the benchmark ends.
 
     Raises:
@@ -37,7 +37,7 @@ class RayExecutor:
 
     def __init__(self, root: Path, workers: int | None, threads: int, address: str | None):
         with ExitStack() as opened:
-            # Ray prints what it has to say of lost workers to stdout, which is for results
+            # Ray prints messages about lost workers to stdout, which is for results
             opened.enter_context(redirect_stdout(sys.stderr))
             self._ray = connect(address, None if workers is None else workers * threads)
             opened.callback(self._ray.shutdown)

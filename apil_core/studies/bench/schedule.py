@@ -59,7 +59,7 @@ def run_jobs(
 
     Args:
         jobs: in the order they should be started.
-        status: knows what is done.
+        status: which jobs are done.
         executor: runs them; left open.
         watch: its methods are called on every change.
     """
@@ -77,7 +77,7 @@ def run_jobs(
 def jobs_done(jobs: Sequence[Job], status: JobStatus) -> tuple[str, ...]:
     """Names of the jobs that are done.
 
-    What is made of cells is not done while one of them is to come or trains on: it is made of that one, too.
+    A job that uses several cells is not done while one of them still has to train.
     """
     done: list[str] = []
     for job in jobs:
@@ -133,7 +133,7 @@ class _Scheduler:
             elif all(states.get(need) == "done" for need in job.needs) and all(
                 states.get(end) in ("done", "failed", "left out") for end in job.after
             ):
-                # what came in the meantime may have changed what is left of it
+                # results that arrived meanwhile may have changed its remaining work
                 if self._status.is_done(job):
                     states[name] = "done"
                     continue

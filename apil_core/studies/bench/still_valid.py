@@ -89,7 +89,7 @@ def check_same_retraining(directory: Path, stage: RetrainingStage | None) -> Non
     """Check that a started retraining matches the matrix; more steps are fine.
 
     Raises:
-        ConfigError: it was begun with other settings.
+        ConfigError: it was started with other settings.
     """
     from apil_core.config.kind import is_retraining
     from apil_core.runs.retraining.folder import RetrainDir
@@ -98,7 +98,7 @@ def check_same_retraining(directory: Path, stage: RetrainingStage | None) -> Non
         return
     try:
         stored = RetrainDir(directory).config()
-    except ApilError:  # its job fails and says so
+    except ApilError:  # its job reports the error
         return
     for key in ("adversary_share", "mix", "freeze"):
         before, now = getattr(stored, key), getattr(stage, key)

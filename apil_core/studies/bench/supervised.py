@@ -54,7 +54,7 @@ class SupervisedJob:
             cwd=folder,
             # one run of a tracker for all cells would be none for any
             env={key: value for key, value in os.environ.items() if key != "WANDB_RUN_ID"},
-            # its other end closes when we end, even if we are killed: see cli/bench_work.py
+            # its other end closes when this process ends, even if killed: see cli/bench_work.py
             stdin=subprocess.PIPE,
             stdout=self._log,
             stderr=self._log,
@@ -71,7 +71,7 @@ class SupervisedJob:
 
     def wait(self) -> Outcome:
         """Wait for its end and return the outcome; a failure's reason is stored with the benchmark."""
-        # not one long wait: what Ray raises to cancel a task comes between two steps of Python's
+        # not one long wait: Ray cancels a task by an exception between two Python bytecodes
         while self._process.poll() is None:
             time.sleep(_BETWEEN)
         code = self._process.returncode

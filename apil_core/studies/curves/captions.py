@@ -15,9 +15,9 @@ class Wording:
     """The texts of a figure, made from its groups.
 
     Attributes:
-        title: what they have in common.
+        title: the settings they share.
         explanation: how to read the picture, in lines.
-        player: whose shares of games are drawn.
+        player: the side whose shares of games are drawn.
     """
 
     title: str

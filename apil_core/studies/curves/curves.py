@@ -176,7 +176,7 @@ def _scores(rows: Sequence[dict[str, float]], final: Sequence[EvaluationResult])
     points = {int(row["steps"]): _periodic(row) for row in rows if "evaluation/win" in row}
     for score in final:
         steps = score.trained_steps or 0
-        if steps <= rows[-1]["steps"]:  # a later one belongs to a course that was abandoned
+        if steps <= rows[-1]["steps"]:  # a later one belongs to an abandoned continuation
             rates = {"win": score.win_rate, "win_or_tie": score.win_or_tie_rate}
             points[steps] = ScorePoint(steps=steps, episodes=score.episodes, **rates)
     return [points[steps] for steps in sorted(points)]
@@ -195,7 +195,7 @@ def final_score(run: RunDir) -> EvaluationResult | None:
     """The run's final score; ``None`` if it has not ended, or ended without one.
 
     Raises:
-        RunDirError: what is stored is no score.
+        RunDirError: the stored file is no score.
     """
     return _score(run.result_path, run.summary()["evaluation"])
 

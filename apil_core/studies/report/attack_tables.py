@@ -21,7 +21,7 @@ _TITLES = {1: "Adversaries against the victim", 2: "Blinded adversaries against 
 
 
 def columns_of(sources: Sources) -> list[str]:
-    """Baseline, the paper's methods, others; the paper's always where one of its games is there."""
+    """Baseline, the paper's methods, others; the paper's whenever one of its games is present."""
     measured = [run.config.method for run in sources.runs] + [cell.method for cell in sources.missing]
     known = published().columns
     if not set(sources.games) & set(published().games):

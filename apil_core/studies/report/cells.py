@@ -45,10 +45,10 @@ def cell(
     """Make a cell with win and win+tie.
 
     Args:
-        game, column: where it stands.
+        game, column: its position.
         scores: one per seed, or none.
         value: published win and win+tie, as fractions.
-        marks: what to be loud about.
+        marks: warning labels.
     """
     wins = [score.wins for score in scores]
     either = [score.wins + score.ties for score in scores]

@@ -39,7 +39,7 @@ class Groups:
     Attributes:
         cells: one entry per seed; seeds rise.
         unscored: runs without any score, with the key of where it would go.
-        copies: scores left out because the same attack with the same seed is there already.
+        copies: scores left out because the same attack with the same seed is already included.
         variants: differences of the runs of a key with ``variant`` > 0 from those with 0.
     """
 

@@ -27,7 +27,7 @@ class Warning(BaseModel):
             ``stale``, ``baseline``.
         loud: concerns every number of a setting; else single cells.
         text: one whole sentence with the numbers.
-        setting, game, column: what it is about; ``None``: all of them.
+        setting, game, column: its scope; ``None``: all of them.
     """
 
     kind: str
@@ -52,7 +52,7 @@ class Claim(BaseModel):
     Attributes:
         id: ``beats baseline``, ``order``, ``blinding``, ``resists``, ``remembers``, ….
         claim: the statement.
-        published: what the paper's own numbers say about it.
+        published: the check on the paper's own numbers.
         setting: the block of tables it was checked in.
         verdict, text: over all games.
         checks: per game.
@@ -149,7 +149,7 @@ class Diagnostics(BaseModel):
     Attributes:
         facts: final values by name, e.g. ``imitator mse / constant mse``.
         lines: over steps by name, e.g. ``kl`` between successive adversaries, ``bound``.
-        notes: what they mean, one sentence each.
+        notes: explanations, one sentence each.
     """
 
     game: str

@@ -51,9 +51,9 @@ class Section:
 
     Attributes:
         key: its anchor.
-        shown: whether there is anything in it beside figures and tables.
+        shown: whether it has content other than figures and tables.
         intro: a paragraph above it.
-        legend: methods whose lines its figures have.
+        legend: methods in its figures.
         chosen: options of facets, where not all and each.
     """
 

@@ -24,7 +24,7 @@ def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
     """Read benchmarks and collect the report's data.
 
     Args:
-        dirs: of benchmarks, finished or not; run directories may stand among them.
+        dirs: of benchmarks, finished or not; run directories may be among them.
         runs: further single runs.
 
     Raises:

@@ -64,7 +64,7 @@ class Attack(NamedTuple):
     """Training settings of an adversary.
 
     Attributes:
-        steps: the budget asked for; the last iteration may go beyond it.
+        steps: the requested budget; the last iteration may go beyond it.
         victim: kind of the victim it was trained against.
         axes: settings in which it is not the usual one.
     """
@@ -186,7 +186,7 @@ def _opponents(
 ) -> Iterator[tuple[int, Player]]:
     """A victim's opponents in tables 3 and 4: the baseline; E-APIL's, unablated, of its own budget and seed.
 
-    The victim as it was meets those of every budget and seed that were trained against it.
+    The original victim's opponents have any budget and seed, and were trained against it.
 
     Args:
         teacher: the adversary it was retrained against.

@@ -158,7 +158,7 @@ def _other(config: RunConfig, default: RunConfig | None) -> dict[str, Any]:
         return {}
     hidden = {f"game.{key}" for key in profile_keys(game_model(config.env, _plugins(tuple(config.plugins))))}
     return {
-        # an observer's options say what it does, and no default run has them
+        # an observer's options matter, and no default run has them
         key: ", ".join(in_words(observers_played(config))) if key == "observers" else value
         for key, (value, _) in differences(config, default).items()
         if key not in _FREE and not key.startswith(_FREE_SECTIONS) and key not in hidden

@@ -23,7 +23,7 @@ class Setting(BaseModel):
     Attributes:
         id: short and stable: ``"s1"``, …
         label: in words, e.g. ``"1 M steps, fast physics"``; unique in the report.
-        steps: adversaries' training budget asked for; ``None`` where there is none or several.
+        steps: adversaries' requested training budget; ``None`` where there is none or several.
         retrain_steps: budget of the victims' retraining, in tables 3 and 4.
         published_steps: the published budget that this one is measured by; ``None`` where the paper played
             none of its games.
@@ -34,7 +34,7 @@ class Setting(BaseModel):
         adversary_actions, victim_actions: how actions of the scored games were chosen.
         axes: further settings that tell it from others, by their names in ``--set``.
         changes_method: an option of a method makes it another one than the published one.
-        notes: what makes its numbers weaker than the published ones, one sentence each, loudest first.
+        notes: reasons why its numbers are weaker than the published ones, one sentence each, main ones first.
         matches_published: nothing of that kind: budget, physics, victim and action modes are the paper's.
     """
 
@@ -124,7 +124,7 @@ class Cell(BaseModel):
     Attributes:
         column: ``"baseline"`` or a method's name.
         scores: one per seed; empty if nothing was measured.
-        marks: what to be loud about, short, e.g. ``"1 M of 35 M = 2.9 %"``, ``"1 seed"``.
+        marks: short warning labels, e.g. ``"1 M of 35 M = 2.9 %"``, ``"1 seed"``.
     """
 
     game: str
@@ -152,7 +152,7 @@ class Table(BaseModel):
         id: ``"t1-s1"``, ``"t2-s1-zeros"``, …; unique in a report.
         number: 1 to 4, the paper's.
         name: its key in ``published_results.json``.
-        side: whose wins are counted.
+        side: the one whose wins are counted.
         columns: baseline first, then the paper's methods, then others.
         blind: table 2: how the adversary was blinded, e.g. ``"zeros"`` or ``"zeros, imitator too"``.
         rows: one list per game, cells in the order of ``columns``.
@@ -192,7 +192,7 @@ class Aggregate(BaseModel):
         low, high: 95 % stratified bootstrap interval (seeds redrawn within each game); ``None`` with fewer
             than two seeds in a game.
         games, seeds: behind it; ``seeds`` is the least of any game.
-        note: what it cannot tell.
+        note: its limitation.
     """
 
     setting: str

@@ -24,7 +24,7 @@ def write_tables(data: ReportData, directory: Path) -> list[Path]:
     """Write all tables: ``t1-s1.csv``, ``.tex``, …; ``differences.csv`` and others.
 
     Args:
-        data: what :func:`apil_core.studies.report.report_data.gather` gave.
+        data: from :func:`apil_core.studies.report.report_data.gather`.
         directory: made if it is not there.
 
     Returns:

@@ -99,9 +99,9 @@ def tie_warnings(endings: Sequence[Endings], tables: Sequence[Table]) -> Iterato
 def tie_meaning(own: Endings, game: Sequence[Endings]) -> str:
     """``"; a tie here means: keeper left goal"``, or a lower bound on the share of ties with one ending.
 
-    Counts tell endings and outcomes apart from each other only. An ending whose count is that of the ties in
-    every score of the game is what a tie is. Else at least as many ties ended in one way as its count
-    exceeds wins and losses together.
+    Endings and outcomes are counted separately. If one ending's count equals the ties in every score of the
+    game, ties are that ending. Otherwise the excess of an ending's count over wins and losses together is a
+    lower bound on the ties with that ending.
     """
     tied = [each for each in game if each.ties]
     same = [cause for cause in own.causes if all(each.causes.get(cause, 0) == each.ties for each in tied)]

@@ -1,6 +1,6 @@
 """The Lemma applied to a run: the KL between successive adversaries, and the bound it implies.
 
-A diagnostic, not a guarantee: the largest KL over all states is replaced by what was measured, and so is H.
+A diagnostic, not a guarantee: measured values replace the largest KL over all states, and H.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Diagnostics(BaseModel):
         lines: over steps. :data:`KL`: KL(old ‖ new) of the adversary's network over a whole update, mean over
             the rollout's states; :data:`KL_MAX`: the largest of them; :data:`IMITATOR_KL`: as the first, for
             the imitator; :data:`BOUND`: the Lemma with the first in place of the largest over all states.
-        notes: what every reader must know.
+        notes: caveats.
     """
 
     run: str

@@ -16,7 +16,7 @@ class Curiosity(nn.Module):
     """A frozen random network f and the network f̂ that learns to predict it.
 
     Args:
-        input_size: length of what both read.
+        input_size: length of both networks' input.
         config: layers, training and normalisation.
         gamma: discount of the return whose spread is the bonus's unit.
         device: of the networks.

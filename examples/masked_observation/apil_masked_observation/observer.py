@@ -47,7 +47,7 @@ class MaskedObservation(Observer):
             drawn = hidden.new_empty(len(hidden), 1).uniform_(generator=context.generator)
             return hidden * (drawn >= self.options.share)
         if way == "mean":
-            if context.mode == "train":  # evaluations neither know nor change what the training saw
+            if context.mode == "train":  # evaluations must not change the training's means
                 self.usual.update(hidden)
             elif not self.usual.count:
                 raise ConfigError(

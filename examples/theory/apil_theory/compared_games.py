@@ -92,13 +92,13 @@ def play_compared(
     """Play once in each of ``games`` parallel games.
 
     Args:
-        run: whose adversaries they are.
+        run: of the adversaries.
         path: the checkpoint that plays.
         follower: the checkpoint it is compared with; ``None``: the divergence is 0.
         games: number of games.
         seed: of all draws, the same for both checkpoints' stochastic hooks.
         threads: physics threads (0: all CPUs); never changes the result.
-        plugins: know the run's game and methods.
+        plugins: registry with the run's game and methods.
     """
 
     def load(checkpoint: Path, num_envs: int) -> Pairing:

@@ -29,7 +29,7 @@ class Comparison:
 
     Attributes:
         gap: exact, not negative (up to rounding).
-        bound: what the theorem says it cannot exceed.
+        bound: the theorem's upper bound on the gap.
     """
 
     gap: float

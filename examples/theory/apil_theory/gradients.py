@@ -6,7 +6,7 @@ gradient with reward log D − β r^α.
 
 The right-hand side is :func:`enumerated_gradient`, the formula as printed, over every trajectory of a short
 game, or :func:`policy_gradient`, its closed form without an end. The left-hand side is
-:func:`derivative` of a value that knows nothing of policy gradients.
+:func:`derivative` of a value computed without policy gradients.
 """
 
 from __future__ import annotations

@@ -88,7 +88,7 @@ class Imitation:
             raise ArithmeticError(f"the imitator's linear programme: {found.message}")
         occupancy = np.maximum(found.x[:pairs].reshape(states, actions), 0.0)
         visits = occupancy.sum(1, keepdims=True)
-        # a state that is never met: what is done there does not count
+        # a state that is never visited: its actions do not matter
         imitator = np.where(visits > 0, occupancy / np.where(visits > 0, visits, 1), 1 / actions)
         return imitator, -float(found.fun)
 

@@ -56,7 +56,7 @@ class MDP:
             policy = np.eye(self.reward.shape[1])[choice]
             gains = self.action_values(policy)
             best = gains.argmax(1)
-            # ties must not make it walk in circles
+            # ties must not make it cycle
             better = gains[rows, best] > gains[rows, choice] + 1e-12 * (1 + np.abs(gains).max())
             if not better.any():
                 return policy

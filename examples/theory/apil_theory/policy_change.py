@@ -70,7 +70,7 @@ def policy_changes(
 
     Args:
         run: its directory; it keeps ``checkpoint.keep`` of them.
-        games: played at once by each adversary, at least 2.
+        games: played in parallel by each adversary, at least 2.
         seed: of all games; every checkpoint starts from the same ones.
         threads: physics threads (0: all CPUs); never changes the result.
         plugins: default: installed ones and the run's one-file plugins.

@@ -45,7 +45,7 @@ def ending_bars(
 
     Args:
         endings: those without games are left out.
-        scores: what the adversary saw, by table, e.g. ``"blinded: zeros"``.
+        scores: the adversary's observation, by table, e.g. ``"blinded: zeros"``.
         settings: labels by id, where there are several.
     """
     groups: dict[tuple[str, str], list[Endings]] = {}

@@ -54,9 +54,9 @@ class Plot:
     Attributes:
         draw: draws it on axes, in colours of :mod:`.palette`.
         title: above it.
-        alt: what it shows in words and numbers, for screen readers.
+        alt: its content in words and numbers, for screen readers.
         caption: below it, may be empty.
-        facets: what the section's selectors choose by, e.g. ``{"game": "sumo-ants", "measure": "win"}``.
+        facets: values that the section's selectors match, e.g. ``{"game": "sumo-ants", "measure": "win"}``.
         wide: takes the whole row.
         height: in inches, where the width is :data:`WIDTH` or, of a wide one, twice that.
     """
