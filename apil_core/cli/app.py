@@ -60,7 +60,7 @@ def make_app() -> App:
         help=_HELP,
         help_format="plaintext",
         version=__version__,
-        # --no-… and --empty-… twins of every flag would only bury the real ones
+        # --no-… and --empty-… variants of every flag would clutter the help
         default_parameter=Parameter(negative=()),
         config=read_whole_numbers,
         result_action="return_value",

@@ -135,7 +135,7 @@ def run(
     if dry_run:
         if where.executor == "ray":
             need("ray")
-            workers = workers or 1  # how many a cluster has room for is known when it is joined
+            workers = workers or 1  # a cluster's capacity is known once it is joined
         cost = _estimate(benchmark, jobs, status, threads, quiet)
         print_plan(benchmark, jobs, status, cost, workers, as_json=as_json)
         return 0

@@ -192,7 +192,7 @@ class ConfigFlags(Flags):
         flags = self.given()
         if "init_from" in flags:
             flags["init_from"] = located(flags["init_from"], Path())
-        if self.plugin:  # besides what files name, not instead of it
+        if self.plugin:  # in addition to those in files
             below = plugin_files(gather(self.config, self.preset, self.set))
             flags["plugins"] = [*below, *(str(path.absolute()) for path in self.plugin)]
         return gather(self.config, self.preset, self.set, flags)

@@ -42,7 +42,7 @@ def guarded(arguments: list[str]) -> int:
         return complain(f"{_one_line(str(error))} (see: {_help_of(error)})", USAGE_ERROR)
     except KeyboardInterrupt:
         return complain("interrupted", INTERRUPTED)
-    except BrokenPipeError:  # `apil … | head`: the reader has seen enough
+    except BrokenPipeError:  # `apil … | head`: the reader has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except ModuleNotFoundError as error:

@@ -83,7 +83,7 @@ def run(
     from apil_core.training.distributed.join import joined
 
     if len(jobs) > 1:
-        os.environ.pop("WANDB_RUN_ID", None)  # one run of a tracker for all seeds would be none for any
+        os.environ.pop("WANDB_RUN_ID", None)  # one tracker run cannot hold several seeds
     documents: list[dict[str, Any]] = []
     with joined(config.device):  # once for all seeds
         for seeded, directory in jobs:

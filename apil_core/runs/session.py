@@ -192,7 +192,7 @@ class Session:
         try:
             self._report(before, metrics)
         except FAILURES:
-            if self.world.size == 1:  # with others the checkpoint would wait for them, and they for this
+            if self.world.size == 1:  # else saving would wait for processes that wait here
                 with suppress(ApilError):
                     self.save()
             raise

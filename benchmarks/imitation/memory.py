@@ -31,7 +31,7 @@ class Predictor(nn.Module):
     def __init__(self, size: int, actions: int, *, memory: bool):
         super().__init__()
         self.cell = nn.LSTMCell(size, 128) if memory else None
-        # the state also goes past the cell, so that the one with memory can do all the other can
+        # a skip connection, so that the model with memory contains the one without
         self.body = mlp((size + 128 * memory, 64, 64, actions), output_gain=0.01)
         self.log_std = nn.Parameter(torch.zeros(actions))
         self.optimizer = torch.optim.Adam(self.parameters(), RATE, eps=1e-5)

@@ -19,7 +19,7 @@ def make_env(task: Task) -> gymnasium.Env[Any, Any]:
 
 
 def make_env_of_worker(task: Task) -> gymnasium.Env[Any, Any]:
-    torch.set_num_threads(1)  # a process per environment: they would fight for the cores
+    torch.set_num_threads(1)  # a process per environment: several threads each would oversubscribe the cores
     return make_env(task)
 
 

@@ -55,7 +55,7 @@ def measure(
     report = SpeedReport(command=list(command), started=started, machine=this_machine())
     for i, plan in enumerate(cells, 1):
         say(f"{i} of {len(cells)}: {plan}")
-        gc.collect()  # the last cell's trainings refer to themselves in circles
+        gc.collect()  # the last cell's trainings have reference cycles
         try:
             blocks, cell = CellBench(plan, plugins).measure()
         except KeyboardInterrupt:

@@ -59,7 +59,7 @@ def _number(text: str, **options: Any) -> Parameter:
 @Parameter(name="*")
 @dataclass(frozen=True)
 class SpeedRequest:
-    """What to measure; the cells are all combinations. The command's flags are made from it.
+    """The settings to measure; the cells are all combinations. The command's flags are made from it.
 
     Attributes:
         env: games, or :data:`ALL`.

@@ -44,7 +44,7 @@ class Runner(Policy):
     """
 
     STD = 0.3
-    ALERT = 0.4  # distance at which it begins to shy, in units of the arena (agents have a radius of 0.05)
+    ALERT = 0.4  # distance at which it starts to evade, in units of the arena (agents have a radius of 0.05)
 
     def __init__(self) -> None:
         digest = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()

@@ -97,7 +97,7 @@ def _from_runs(
                 "say with --victim which one to harden"
             )
     found: dict[str, Any] = {key: getattr(config, key) for key in ("env", "num_envs")}
-    if not victim_given:  # the one that was attacked, and no other of its name
+    if not victim_given:  # the attacked one, not another with its name
         found["victim_sha256"] = config.victim_sha256
     # a minibatch of a recurrent victim is some of the games; its network and its noise are its own
     own = {

@@ -44,7 +44,7 @@ class TrackioRecorder:
         check()
         tracked = TrackedRun.of(run_dir)
         where = tracked.where(self.name)
-        # a name is all by which trackio resumes, and directories of many runs are called s0
+        # trackio resumes by name only, and many run directories are named s0
         where = where or {"project": PROJECT, "name": f"{tracked.name}-{token_hex(3)}"}
         directory = str(run_dir.resolve() / "trackio")
         self._writer = subprocess.Popen(

@@ -38,7 +38,7 @@ def _difference(games: Array, base: Array, axis: int) -> Array:
 def _bootstrap(samples: tuple[Array, ...], statistic: Callable[..., Array], seed: int) -> tuple[float, float]:
     from scipy.stats import bootstrap
 
-    for method in ("BCa", "percentile"):  # games nearly all alike leave the former without an answer
+    for method in ("BCa", "percentile"):  # BCa is undefined where nearly all games are equal
         found = bootstrap(
             samples,
             statistic,

@@ -94,7 +94,7 @@ def estimate(
         try:
             training[cell.name] = _left(status, cell) / rates[cell.name].steps_per_second
             scoring[cell.name] = _scoring(cell, benchmark, status, lengths, threads, note)
-        except RunDirError as error:  # one damaged cell is no reason to tell nothing of the others
+        except RunDirError as error:  # one damaged cell must not hide the others
             note(f"{cell.name}: {error}")
     hardening = [job for job in jobs or () if job.kind == "retrained" and not status.is_done(job)]
     return Estimate(

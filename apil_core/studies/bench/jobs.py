@@ -141,7 +141,7 @@ class JobStatus:
         """Label → name of all available attackers of a game: its baseline, and the trained cells."""
         baseline = self.benchmark.baselines.get(game)
         cells = [cell for cell in self.benchmark.cells_of(game) if self.trained(cell)]
-        names = labels(self.benchmark.cells_of(game))  # of untrained ones too: labels stay
+        names = labels(self.benchmark.cells_of(game))  # untrained ones too, for fixed labels
         runs = {names[c.name]: f"run:{self.bench.cell(c.name).path.resolve()}" for c in cells}
         return {**({"baseline": baseline} if baseline else {}), **runs}
 

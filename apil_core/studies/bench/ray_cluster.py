@@ -27,7 +27,7 @@ def connect(address: str | None, cpus: int | None) -> Any:
     Raises:
         ApilError: Ray is missing, there is no cluster at that address, or none can be started.
     """
-    # nothing is reported to Ray's makers unless the user wants it to; read when it is imported
+    # no usage statistics unless the user enables them; read when Ray is imported
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     ray = need("ray")
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}

@@ -52,7 +52,7 @@ class SupervisedJob:
                 FLAG,
             ],  # the matrix was checked before the first job
             cwd=folder,
-            # one run of a tracker for all cells would be none for any
+            # one tracker run cannot hold several cells
             env={key: value for key, value in os.environ.items() if key != "WANDB_RUN_ID"},
             # its other end closes when this process ends, even if killed: see cli/bench_work.py
             stdin=subprocess.PIPE,

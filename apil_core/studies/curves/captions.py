@@ -54,7 +54,7 @@ def title(groups: Sequence[CurveGroup]) -> str:
 
 
 def explanation(groups: Sequence[CurveGroup]) -> str:
-    """How to read the figure, and the settings behind its numbers."""
+    """Explanation of the figure, and the settings behind its numbers."""
     curves = [curve for group in groups for curve in group.curves]
     budgets = sorted({curve.steps for curve in curves})
     seeds = sorted({curve.seed for curve in curves})

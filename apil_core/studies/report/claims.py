@@ -1,4 +1,4 @@
-"""The paper's claims, checked on these games: each holds, does not hold, or cannot be told.
+"""The paper's claims, checked on these games: ``holds``, ``does not hold`` or ``cannot be told``.
 
 Rules: a claim holds only on differences beyond noise; an ordering of methods needs several seeds; below the
 published budget a failing claim counts as undecided.

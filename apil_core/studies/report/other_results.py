@@ -31,7 +31,7 @@ def _retraining(path: Path) -> RetrainingCurve:
         found.status = str((folder.result() or {}).get("status", "running or killed"))
         found.groups = [thinned_group(group) for group in read_opponents(folder)]
         found.steps = found.groups[0].curves[0].steps
-    except ApilError as error:  # damaged, or too young for a curve
+    except ApilError as error:  # damaged, or too short for a curve
         found.status = str(error)
     return found
 

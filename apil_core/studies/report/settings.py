@@ -82,7 +82,7 @@ def key_of(run: Run, score: EvaluationResult | None) -> Key:
         physics, victim = run.physics, run.dir.victim()
     else:
         actions = (score.adversary_actions, score.victim_actions)
-        # scores from before there were profiles tell none: they were played as the run was
+        # old scores have no profile: they were played with the run's
         physics, victim = score.physics or run.physics, score.victim.name
     trained = score.trained_steps if score is not None else None
     default = default_config(config)

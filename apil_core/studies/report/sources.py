@@ -162,7 +162,7 @@ def _read_bench(bench: StoredBench, found: Sources) -> None:
             continue
         try:
             found.runs.append(_read_run(cell.run, cell.name, tuple(cell.axes), cell.failure))
-        except ApilError as error:  # one damaged cell is no reason to show none
+        except ApilError as error:  # one damaged cell must not hide the others
             found.missing.append(_missing(cell, "damaged", str(error)))
     for game, victim in victims:
         scores = (found.read(bench.baseline, game, name, victim) for name in matrix.scores)

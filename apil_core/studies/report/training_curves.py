@@ -73,7 +73,7 @@ def _runs(groups: Groups, key: Key) -> list[Run]:
 def _readable(run: Run) -> bool:
     try:
         read_curve(run.dir)
-    except ApilError:  # too young for a curve; it is listed as unfinished
+    except ApilError:  # too short for a curve; it is listed as unfinished
         return False
     return True
 
@@ -177,7 +177,7 @@ def _theory(run: Run) -> tuple[dict[str, Line], dict[str, float], list[str]]:
 
     try:
         found = diagnose(run.dir)
-    except ApilError:  # too young, or without any ended game
+    except ApilError:  # too short, or without any ended game
         return {}, {}, []
     facts = {
         "H, bound of the victim's value": found.value_bound,

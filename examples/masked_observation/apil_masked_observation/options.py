@@ -10,7 +10,7 @@ from apil_core import Section
 
 
 class MaskedObservationOptions(Section):
-    """How the opponent is masked in the victim's observation."""
+    """Masking of the opponent in the victim's observation."""
 
     way: Literal["zeros", "mean", "noise", "dropout"] = "zeros"
     """What stands where the opponent was: zeros, its mean in training, N(0, 1), or zeros now and then."""

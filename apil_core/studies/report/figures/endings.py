@@ -73,7 +73,7 @@ def _counted(group: Sequence[Endings], causes: Sequence[str]) -> list[Part]:
             name,
             [ending.causes.get(name, 0) for ending in group],
             CAUSES[i % len(CAUSES)],
-            # a colour that comes again has another pattern
+            # a repeated colour has another pattern
             _HATCHES[(i + i // len(CAUSES)) % len(_HATCHES)],
         )
         for i, name in enumerate(causes)
