@@ -77,7 +77,7 @@ class PPOConfig(Section):
     minibatches: Annotated[int, Field(gt=0)] = 4
     """Parts of the rollout per pass."""
     max_kl: Annotated[float, Field(gt=0)] | None = None
-    """Begin no further pass once the policy has moved this far, in nats of mean KL; null: never."""
+    """Early stopping of an update: no further pass above this mean KL, in nats; null: never."""
     learning_rate: Annotated[float, Field(gt=0)] = 3e-4
     """Adam's step size at the start."""
     lr_schedule: Literal["constant", "linear"] = "constant"
@@ -202,7 +202,7 @@ class RunConfig(Section):
     plugins: tuple[str, ...] = ()
     """One-file plugins (paths) to load before anything else."""
     init_from: Annotated[str, BeforeValidator(_path_text)] | None = None
-    """Run directory to start from, or policy (zoo:…, run:…) to clone first."""
+    """Run directory to initialise from, or policy (zoo:…, run:…) to clone first."""
     init_steps: Annotated[int, Field(gt=0)] = 200_000
     """Environment steps of the budget in which a policy named by init_from is cloned and its value learnt."""
 

@@ -108,7 +108,7 @@ class Window(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Close it; closing twice is fine."""
+        """Close the window; may be called twice."""
 
 
 class Game(ABC):
@@ -125,7 +125,7 @@ class Game(ABC):
 
     @property
     def packages(self) -> tuple[str, ...]:
-        """Distributions this game's rules come from; their versions are stored with every score."""
+        """Distributions that implement this game; their versions are stored with every score."""
         return ()
 
     @property
@@ -165,12 +165,12 @@ class Game(ABC):
 
     @abstractmethod
     def state_dict(self) -> dict[str, Any]:
-        """Everything :meth:`load_state_dict` needs to go on bit for bit: physics, rules, clock,
+        """Everything :meth:`load_state_dict` needs to resume bit for bit: physics, rules, clock,
         observations and the random generator. Values: numpy arrays, numbers, strings, dicts."""
 
     @abstractmethod
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`state_dict` gave, on a game made with the same arguments."""
+        """Restore the result of :meth:`state_dict`, on a game made with the same arguments."""
 
     def render(self, row: int, width: int, height: int, colours: tuple[Colour, Colour]) -> Array:
         """Draw the current state of one game; does not change it.
@@ -197,7 +197,7 @@ class Game(ABC):
         raise ApilError(f"{type(self).__name__} has no window of its own")
 
     def physics_stopwatch(self) -> PhysicsStopwatch | None:
-        """A stopwatch for the physics of this game alone, or ``None`` if nothing in it can be timed apart.
+        """A stopwatch for the physics of this game alone, or ``None`` if it cannot be timed separately.
 
         The caller closes it before the game.
         """

@@ -1,4 +1,4 @@
-"""The version of the hook interface: what a plugin states, what is offered here, how hooks grow old.
+"""The version of the hook interface: required by plugins, provided here, and deprecation of hooks.
 
 The policy is docs/stability.md.
 """
@@ -24,7 +24,7 @@ STATEMENT = "APIL_HOOK_API"
 
 
 class HookDeprecationWarning(DeprecationWarning):
-    """A plugin fills a hook, or takes an argument, that will go."""
+    """A plugin implements a hook, or takes an argument, that will be removed."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Deprecation:
 
 @dataclass(frozen=True)
 class HookLife:
-    """From which hook API version on a hook exists, and how long it will.
+    """Hook API versions in which a hook exists.
 
     Attributes:
         since: the version it came with.

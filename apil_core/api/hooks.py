@@ -15,7 +15,7 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 _mark = pluggy.HookspecMarker(PROJECT)
 
 hookimpl = pluggy.HookimplMarker(PROJECT)
-"""Marks a function or method as filling a hook."""
+"""Marks a function or method as a hook implementation."""
 
 
 @overload

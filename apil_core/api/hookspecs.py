@@ -36,7 +36,7 @@ class ProcessHooks:
 
     @hookspec(since=1)
     def register_observers(self) -> list[ObserverSpec]:  # type: ignore[empty-body]
-        """Offer observers with options or a state of their own, such as defences.
+        """Offer observers with their own options or state, such as defences.
 
         When: once per process, when plugins are discovered.
 
@@ -150,7 +150,7 @@ class RunHooks:
 
     @hookspec(since=1)
     def finish_rollout(self, run: Run, rollout: Rollout) -> dict[str, Tensor] | None:
-        """Add reward streams with critics of their own.
+        """Add reward streams, each with its own critic.
 
         When: once per rollout, before advantages are computed.
 

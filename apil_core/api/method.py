@@ -65,7 +65,7 @@ class RunPlugin:
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`state_dict` gave."""
+        """Restore the result of :meth:`state_dict`."""
         if state:
             raise ValueError(f"{type(self).__name__} has no state to load, got {sorted(state)}")
 

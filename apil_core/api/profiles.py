@@ -38,7 +38,7 @@ class ProfiledOptions(Section):
 
     @classmethod
     def profile_keys(cls) -> tuple[str, ...]:
-        """The options that a profile gives values to."""
+        """The options set by a profile."""
         return tuple(each.name for each in fields(cls.profiles[FAITHFUL]))
 
     def profile_values(self) -> dict[str, Any]:

@@ -228,7 +228,7 @@ class RecorderSpec:
 
 @contextmanager
 def foreign_code() -> Iterator[None]:
-    """While code of others is imported: what it prints goes to stderr, all it raises is an ``Exception``."""
+    """Context for importing third-party code: its stdout goes to stderr, its exits become ``Exception``."""
     try:
         with redirect_stdout(sys.stderr):  # stdout is for results
             yield

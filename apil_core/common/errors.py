@@ -40,13 +40,13 @@ FAILURES = (Exception, SystemExit)
 
 
 _REASON = 300
-"""Characters of a foreign reason that are shown."""
+"""Maximum number of characters shown of a third-party error."""
 
 
 def reason_of(error: BaseException) -> str:
-    """Kind and text of an exception that is not ours, on one line; a long one loses its middle.
+    """Type and text of a third-party exception, on one line; the middle of a long one is cut.
 
-    TorchScript and onnxruntime begin with where it happened, and end with what did.
+    TorchScript and onnxruntime begin with the location, and end with the error.
     """
     text = " ".join(str(error).split())
     if len(text) > _REASON:

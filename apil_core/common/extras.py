@@ -16,7 +16,7 @@ _EXTRAS = {
     "trackio": ("trackio", "records in Trackio", "trackio"),
     "wandb": ("wandb", "records in Weights & Biases", "wandb"),
 }
-"""By import name: the library, what needs it, and the extra of ours that brings it."""
+"""By import name: the library, the feature that needs it, and APIL's extra that installs it."""
 
 
 def need(*modules: str) -> ModuleType:

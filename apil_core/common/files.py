@@ -1,4 +1,4 @@
-"""Files that are either whole or not there, and their hashes. Imports no torch."""
+"""Atomic file writes, locks and hashes. Imports no torch."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
         temporary.replace(path)
         directory = os.open(path.parent, os.O_RDONLY)
         try:
-            os.fsync(directory)  # the rename itself must survive a power cut
+            os.fsync(directory)  # makes the rename survive a power failure
         finally:
             os.close(directory)
     except BaseException as error:
@@ -113,7 +113,7 @@ def is_taken(directory: Path) -> bool:
 def locked(
     file: Path, message: str, error: type[ApilError] = RunDirError, patience: float = 0.0
 ) -> Iterator[None]:
-    """Hold ``file`` as a lock against other processes; a killed one lets go by itself.
+    """Hold ``file`` as a lock against other processes; a killed process releases it.
 
     Args:
         file: the lock; its directory exists.

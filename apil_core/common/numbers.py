@@ -1,4 +1,4 @@
-"""Numbers as people write them: ``300k`` steps, seeds ``0..4``."""
+"""Parsing of number shorthands: ``300k`` steps, seeds ``0..4``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def whole_number(text: str) -> int:
 
 
 def short_number(value: int) -> str:
-    """The number as one would write it in a name: ``1M``, ``1500k``, ``12345``; without loss."""
+    """The number in short form for names: ``1M``, ``1500k``, ``12345``; lossless."""
     for size, letter in ((10**6, "M"), (10**3, "k")):
         if value and value % size == 0:
             return f"{value // size}{letter}"

@@ -1,4 +1,4 @@
-"""One seed, many independent streams."""
+"""Independent random streams from one seed."""
 
 from __future__ import annotations
 
@@ -27,6 +27,6 @@ def stream_generator(seed: int, stream: str, device: torch.device) -> torch.Gene
 
 @contextmanager
 def undisturbed(device: torch.device) -> Iterator[None]:
-    """Draws inside leave torch's global generators, the GPU's of ``device`` included, as they were."""
+    """Restore torch's global generators, the GPU's of ``device`` included, at the end of the block."""
     with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
         yield

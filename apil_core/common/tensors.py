@@ -10,5 +10,5 @@ from torch import Tensor
 
 def all_finite(values: Tensor) -> bool:
     """True if no entry is NaN or infinite."""
-    # a sum carries every NaN and infinity along; only one that overflows needs the entries looked at
+    # a sum propagates every NaN and infinity; entries are checked only if the sum is not finite
     return math.isfinite(float(values.sum())) or bool(torch.isfinite(values).all())

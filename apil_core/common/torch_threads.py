@@ -1,4 +1,4 @@
-"""One torch thread for everything that makes results; two things may be made at once."""
+"""One torch thread for everything that determines results; two functions may run in parallel."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _Second = TypeVar("_Second")
 
 @contextmanager
 def one_torch_thread() -> Iterator[None]:
-    """Run torch on one thread and give the caller's setting back after; also a decorator.
+    """Run torch on one thread and restore the caller's setting afterwards; also a decorator.
 
-    The networks are small: more threads gain little, fight with the physics threads for the cores,
-    and would make sums, hence weights, depend on the number of CPUs.
+    The networks are small: more threads gain little, compete with the physics threads for the cores,
+    and would make sums, and so weights, depend on the number of CPUs.
     """
     before = torch.get_num_threads()
     torch.set_num_threads(1)

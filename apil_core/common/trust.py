@@ -85,7 +85,7 @@ def check(name: str, trusted: bool = True, error: type[ApilError] = ConfigError)
 
 
 def remember(directory: Path) -> None:
-    """Record that this user has run the code loaded so far from ``directory``: it may run there again."""
+    """Record that the user ran the code loaded so far from ``directory``, so that it may run there again."""
     lines = [(str(directory.resolve()), name) for name in _ran]
     new = [json.dumps(line) + "\n" for line in lines if line not in _record()] if lines else []
     if new:
@@ -96,7 +96,7 @@ def remember(directory: Path) -> None:
 
 
 def _record() -> set[tuple[str, str]]:
-    """Directory and name of all that ran."""
+    """Directory and name of all code in the record."""
     found = set()
     with suppress(OSError):
         for line in _path().read_text("utf-8", errors="replace").splitlines():

@@ -1,11 +1,11 @@
-"""Text of others on a screen: what would steer a terminal, or cannot be printed, is shown as ``\\uXXXX``."""
+"""Third-party text for terminals: control characters and unprintable ones are shown as ``\\uXXXX``."""
 
 from __future__ import annotations
 
 import re
 
 _UNSEEN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-"""Control characters but tab and newline, changes of direction, halves of characters."""
+"""Control characters except tab and newline, bidirectional controls, surrogates."""
 
 
 def visible(text: str) -> str:

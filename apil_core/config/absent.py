@@ -1,4 +1,4 @@
-"""Stored settings that lack keys added since: each means what its absence meant when they were stored."""
+"""Stored settings that lack keys added since: each gets the meaning of its absence at storing time."""
 
 from __future__ import annotations
 

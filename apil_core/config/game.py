@@ -38,7 +38,7 @@ def game_model(env: str, plugins: PluginRegistry) -> type[BaseModel]:
 
 
 def profile_keys(model: type[BaseModel]) -> tuple[str, ...]:
-    """The options that a profile gives values to; none for a game without profiles."""
+    """The options set by a profile; none for a game without profiles."""
     return model.profile_keys() if issubclass(model, ProfiledOptions) else ()
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from apil_core.common.errors import RunDirError
 
 KIND = "retraining"
-"""Value of ``kind`` in its ``config.yaml``, which a run's has not."""
+"""Value of ``kind`` in its ``config.yaml``; a run's has no such key."""
 
 
 class IsRetrainingError(RunDirError):

@@ -174,12 +174,12 @@ def flag_layer(flags: Mapping[str, Any]) -> Layer:
 
 
 def texts_in(value: Any) -> list[str]:
-    """The texts in what should be a list of them, but has not been checked yet."""
+    """The strings in an unchecked value that should be a list of strings."""
     return [item for item in value if isinstance(item, str)] if isinstance(value, (list, tuple)) else []
 
 
 def merge(base: Mapping[str, Any], layers: Sequence[Layer]) -> tuple[dict[str, Any], dict[Key, str]]:
-    """``base`` with the layers laid over it, later ones on top, and the origin of what they set."""
+    """``base`` merged with the layers, later ones on top, and the origins of their values."""
     data: dict[str, Any] = dict(base)
     origins: dict[Key, str] = {}
     for layer in layers:

@@ -22,15 +22,15 @@ Observers = Mapping[str, Mapping[str, Any]]
 def with_observers(
     config: RunConfig, plugins: PluginRegistry, observers: Observers, sets: Sequence[str] = ()
 ) -> RunConfig:
-    """A copy of ``config`` with further observers at the end, and all of their options spelt out.
+    """A copy of ``config`` with further observers at the end, and all of their options explicit.
 
     ``config`` itself where there are none.
 
     Args:
         config: a run's.
-        plugins: offer the observers.
+        plugins: registry with the observers.
         observers: those to switch on.
-        sets: ``options.NAME.KEY=VALUE`` texts about them; they have the last word.
+        sets: ``options.NAME.KEY=VALUE`` texts about them; they take precedence.
 
     Raises:
         UnknownNameError: there is no such observer.

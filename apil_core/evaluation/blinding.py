@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 from apil_core.evaluation.play import Blinding
 
 STARTS = 1024
-"""Starting states behind a typical value, at least."""
+"""Minimum number of starting states in a mean observation."""
 
 _SEED, _STREAM = 0, "blinding starts"
 # not the evaluation's seed: the replacement depends on the game, not on the games played
@@ -59,11 +59,11 @@ def make_blinding(pairing: Pairing, mode: BlindMode, side: int, *, imitator: boo
 
 @torch.inference_mode()
 def typical_start(pairing: Pairing, starts: int = STARTS) -> list[Tensor]:
-    """Mean starting observation of side 0 and 1 behind all filters, each (o,) float32.
+    """Mean starting observation of side 0 and 1 after all filters, each (o,) float32.
 
     Args:
         pairing: its game is reseeded and reset.
-        starts: how many starting states at least.
+        starts: minimum number of starting states.
     """
     game = pairing.game
     game.seed(stream_seed(_SEED, _STREAM))

@@ -15,7 +15,7 @@ from apil_core.plugins.discovery import PluginRegistry
 
 
 class OptionSet(Section):
-    """Options that functions take as keywords; what is wrong with them is one line each.
+    """Options that functions take as keywords; each mistake becomes one line.
 
     Raises:
         ConfigError: one line per mistake.
@@ -31,7 +31,7 @@ class OptionSet(Section):
 
     @classmethod
     def of(cls, options: Section | None = None, **changes: Any) -> Self:
-        """``changes`` over what ``options`` states, as far as it is a field here."""
+        """``options`` updated by ``changes``, restricted to the fields of this model."""
         known = set() if options is None else options.model_fields_set & cls.model_fields.keys()
         stated = {key: getattr(options, key) for key in known}
         return cls(**{**stated, **changes})

@@ -1,4 +1,4 @@
-"""An adversary and a victim, loaded by name and ready to play: what scoring and watching start from."""
+"""An adversary and a victim, loaded by name and ready to play, for scoring and videos."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class Pairing:
 
     @contextmanager
     def attribution(self) -> Iterator[None]:
-        """Put a plugin's name on what its hooks raise."""
+        """Add a plugin's name to exceptions of its hooks."""
         with nullcontext() if self.hooks is None else self.hooks.attribution():
             yield
 
@@ -134,12 +134,12 @@ def load_pairing(adversary: Path | str, options: PairingOptions | None = None, *
     Args:
         adversary: a run (``DIR`` or ``run:DIR``), or a policy name such as
             ``"zoo:kick-and-defend/defender/v1"``; ``"random"`` and ``"zero"`` do for either player.
-        options: default: none are stated. ``sets`` have the last word about the game; ``physics`` hides
-            single values of a run's physics (``solver``, …); ``num_envs`` is 1 unless stated.
+        options: default: none. ``sets`` take precedence for the game; ``physics`` hides single values of a
+            run's physics (``solver``, …); ``num_envs`` is 1 by default.
         changes: single options, over ``options``.
 
     Raises:
-        ApilError: anything wrong with the names, files, options or sizes given.
+        ApilError: names, files, options or sizes are wrong.
     """
     options = PairingOptions.of(options, **changes) if changes or options is None else options
     check_device(options.device)
@@ -169,7 +169,7 @@ def _seated(
     plugins: PluginRegistry,
     options: PairingOptions,
 ) -> Pairing:
-    """Both players in their seats: what a run trained, or the policy of that name, and the victim."""
+    """Load both players in their seats: a run's adversary or a named policy, and the victim."""
     side, seed = 1 - victim_side(config, plugins), options.seed
     opponent = run_victim(config, game, plugins, seed)
     if isinstance(adversary, str):

@@ -33,11 +33,11 @@ class Seat:
 
 @dataclass
 class Players:
-    """Both players, and what filters what they see of the game.
+    """Both players, and the filters of their observations.
 
     Attributes:
         seats: of side 0 and 1.
-        adversary_side: who acts second.
+        adversary_side: the side that acts second.
         device: of the policies.
         observation_filter: applied to both sides' observations.
         blinding: by side, applied to its view after that.
@@ -50,13 +50,13 @@ class Players:
     blinding: dict[int, Blinding] = field(default_factory=dict)
 
     def start(self, game: Game) -> TwoPlayerGames:
-        """Begin all games of a batch, which the caller has seeded."""
+        """Start all games of a batch, which the caller has seeded."""
         games = TwoPlayerGames(game, self.device, self.observation_filter)
         games.reset()
         return games
 
     def act(self, games: TwoPlayerGames) -> dict[int, Tensor]:
-        """Actions by side for the present observations, each (n, a), not clipped.
+        """Actions by side for the current observations, each (n, a), not clipped.
 
         The victim acts first, so that an oracle adversary may see its action.
         """
@@ -92,12 +92,12 @@ def play(
 ) -> EpisodeCounts:
     """Play exactly ``episodes`` games and count how they ended.
 
-    Games are handed to free slots in order until ``episodes`` have been started, and every started
+    Games are assigned to free slots in order until ``episodes`` have been started, and every started
     game is played to its end: short games are not over-represented.
 
     Args:
         game: seeded by the caller; its ``num_envs`` slots are used in parallel.
-        players: who plays.
+        players: both players.
         episodes: number of games.
         on_progress: called with the number of ended games whenever it grows.
     """
@@ -139,7 +139,7 @@ class Blinding:
     opponent: Tensor | None = None
 
     def __call__(self, view: View) -> View:
-        """The view that is left; ``view`` itself is not changed."""
+        """The blinded view; ``view`` itself is not changed."""
         own = torch.where(self.hidden, self.own, view.own)
         if self.opponent is None:
             return View(own, view.opponent, view.first, view.opponent_action)

@@ -35,14 +35,14 @@ class Progress:
         """An evaluation ended, after ``steps`` steps of training."""
 
     def note(self, text: str) -> None:
-        """One line worth reading."""
+        """A one-line note for the user."""
 
     def finished(self, run_dir: Path) -> None:
         """The run is over (finished or interrupted)."""
 
 
 class PartOfAll(Progress):
-    """Games of one pairing counted among those of all; nothing else is passed on.
+    """Counts the games of one pairing among those of all; forwards nothing else.
 
     Args:
         progress: gets the count over all games.

@@ -1,4 +1,4 @@
-"""Scores of played games: rates with intervals, and what the games depended on."""
+"""Scores of played games: rates with intervals, and the settings the games depended on."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Rate(BaseModel):
 
 
 class EvaluationResult(MatchSetup):
-    """A score and all it depends on. ``wins`` and the like are the adversary's."""
+    """A score and all it depends on. ``wins`` etc. are the adversary's."""
 
     episodes: int
     wins: int

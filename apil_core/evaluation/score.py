@@ -36,7 +36,7 @@ def score(
     Uses no global randomness: a seed gives the same games at any number of threads.
 
     Args:
-        pairing: who plays what; the game's generator is reseeded.
+        pairing: players and game; the game's generator is reseeded.
         episodes: number of games.
         seed: of the games and all draws.
         blind, blind_imitator, blind_victim: see :func:`apil_core.evaluate`.

@@ -1,1 +1,1 @@
-"""Games as other libraries see them, and games of other libraries."""
+"""Games as environments of other libraries, and environments of other libraries as games."""

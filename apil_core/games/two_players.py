@@ -1,4 +1,4 @@
-"""The step of two players: the victim acts, the adversary acts, all games advance, ended ones start anew."""
+"""A step of two players: the victim acts, the adversary acts, all games advance, ended ones are reset."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from apil_core.api.types import View
 
 
 class TwoPlayerGames:
-    """A batch of games in numpy, as policies in torch play them.
+    """A batch of numpy games, played by torch policies.
 
-    Training, scores, videos and the Gymnasium view step their games through this class. The victim chooses
-    first, and the adversary may be shown its action (an oracle reads it)::
+    Training, scores, videos and the Gymnasium view step their games through this class. The victim acts
+    first, and the adversary may get its action (an oracle reads it)::
 
         games = TwoPlayerGames(game, device)
         games.reset()
@@ -26,9 +26,9 @@ class TwoPlayerGames:
             games.reset(result.done)
 
     Args:
-        game: seeded by the caller; while it is played here, stepped and reset nowhere else.
+        game: seeded by the caller; must not be stepped or reset elsewhere meanwhile.
         device: of the policies.
-        observation_filter: ``f(side, observation)`` returns what a side sees of its observation, (n, o) as
+        observation_filter: ``f(side, observation)`` returns a side's filtered observation, (n, o) as
             before; called at most once per side and step.
 
     Attributes:

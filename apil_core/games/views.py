@@ -1,6 +1,6 @@
-"""One game at a time, for other people's tools: a game as PettingZoo or Gymnasium sees it.
+"""Single games for third-party tools: PettingZoo and Gymnasium environments.
 
-Both are thin: the rules stay in the :class:`apil_core.Game`, here with ``num_envs=1``.
+Both are thin wrappers: the rules are in the :class:`apil_core.Game`, here with ``num_envs=1``.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def _observation_space(side: SideLayout) -> Box:
 
 
 def _action_space(side: SideLayout) -> Box | Discrete:
-    """Scores are the core's way to choose: other people's tools choose themselves."""
+    """Space of a side's actions; ``Discrete`` where the core expects scores: the caller chooses itself."""
     if side.discrete:
         return Discrete(side.action_size)
     return Box(side.action_low, side.action_high, (side.action_size,), np.float32)
@@ -157,7 +157,7 @@ class ParallelGameEnv(ParallelEnv[str, Array, Array]):
         return _picture(self._game, 1, self.render_mode)
 
     def close(self) -> None:
-        """Release what the game holds."""
+        """Release the game's resources."""
         self._game.close()
 
     def _observations(self) -> dict[str, Array]:
@@ -237,7 +237,7 @@ class OpponentInsideEnv(gymnasium.Env[Array, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Start a new game; without a seed the random generators go on (at first: from entropy)."""
+        """Start a new game; without a seed the random generators continue (initially seeded from entropy)."""
         super().reset(seed=seed)
         if seed is not None or not self._seeded:
             start = secrets.randbits(32) if seed is None else seed
@@ -264,7 +264,7 @@ class OpponentInsideEnv(gymnasium.Env[Array, Any]):
         return _picture(self._game, self._side, self.render_mode)
 
     def close(self) -> None:
-        """Release what the game holds."""
+        """Release the game's resources."""
         self._game.close()
 
     def _observation(self) -> Array:

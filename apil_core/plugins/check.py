@@ -1,4 +1,4 @@
-"""``apil plugins --check``: all that can be found wrong with plugins without a run, torch and all loaded."""
+"""``apil plugins --check``: all checks of plugins that need no run; imports torch."""
 
 from __future__ import annotations
 
@@ -110,10 +110,10 @@ def _run_hooks(spec: RunPluginSpec, kind: type[RunPlugin], chain: Sequence[Metho
 
 
 def uninitialised(spec: RunPluginSpec, kind: type[RunPlugin]) -> RunPlugin | None:
-    """An object of the plugin's class whose hooks can be looked at, not called; ``None``: no class makes it.
+    """An object of the plugin's class for inspecting its hooks, not calling them; ``None`` without a class.
 
     Raises:
-        PluginError: the factory does not load, or is no subclass of ``kind`` and nothing that makes one.
+        PluginError: the factory does not load, or is neither a subclass of ``kind`` nor callable.
     """
     factory = load(spec.factory, titled(spec))
     wanted = wanted_of(spec)

@@ -74,7 +74,7 @@ class PluginRecord:
 
 @dataclass
 class PluginRegistry:
-    """All plugins of this process and what the working ones offer, by name."""
+    """All plugins of this process and the specs of the working ones, by name."""
 
     records: list[PluginRecord] = field(default_factory=list)
     methods: dict[str, MethodSpec] = field(default_factory=dict)
@@ -150,7 +150,7 @@ class PluginRegistry:
         return list(dict.fromkeys([*self.observers, *modules]))
 
     def run_plugins(self, method: str, observers: Iterable[str]) -> tuple[RunPluginSpec, ...]:
-        """All specs a run builds anew: the method's chain, then the registered ones of ``observers``.
+        """Specs of the plugins a run builds: the method's chain, then the registered ones of ``observers``.
 
         Raises:
             UnknownNameError: no such method.
@@ -164,7 +164,7 @@ class PluginRegistry:
 
         Raises:
             UnknownNameError: no such method.
-            PluginError: a required method is missing or requirements form a circle.
+            PluginError: a required method is missing or requirements are cyclic.
         """
         if name not in self.methods:
             raise UnknownNameError("method", name, self.methods)
@@ -234,7 +234,7 @@ def _ask(record: PluginRecord, plugin: Any) -> dict[str, dict[str, Any]]:
         offers[kind] = {}
         answers = getattr(manager.hook, hook)()
         if not answers and getattr(manager.hook, hook).get_hookimpls():
-            answers = [None]  # pluggy drops it
+            answers = [None]  # None: ignored by pluggy
         for answer in answers:
             if not isinstance(answer, Iterable):
                 wanted = f"{hook} must return a list of {spec_type.__name__}"
@@ -284,7 +284,7 @@ def discover(files: Sequence[str | Path] = (), *, forgiving: bool = False) -> Pl
             registry.add_failure(record, error, entry_point.module)
         else:
             registry.add(record, plugin)
-    # a run brings its files along, and a flag may name the same one again
+    # a run names its files, and a flag may name the same one again
     for file in {Path(file).resolve(): Path(file) for file in files}.values():
         check(str(file.resolve()))
         record = _add_file(registry, file)

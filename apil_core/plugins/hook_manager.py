@@ -1,4 +1,4 @@
-"""The hook manager of one run: the method, what it requires, the observers; and who is to blame."""
+"""The hook manager of one run: the method, its requirements, the observers; attribution of errors."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class RunHookManager:
         }
 
     def plugin_error(self, hook: str, text: str, by: str | None = None) -> PluginError:
-        """An error about what ``hook`` returned, with the name of the culprit or of all who fill it."""
+        """An error about the result of ``hook``, with the name of the plugin or of all that implement it."""
         impls = getattr(self.manager.hook, hook).get_hookimpls()
         fillers = [by] if by else [impl.plugin_name for impl in impls]
         return PluginError(f"{hook} (filled by {', '.join(fillers)}): {text}")
@@ -113,7 +113,7 @@ class RunHookManager:
     ) -> Tensor:
         """``value`` without its graph, if it is a float32 tensor of that shape without NaN or infinities.
 
-        Nothing is ever differentiated back into what a plugin returned: its graph would only fill memory.
+        Results of plugins are never differentiated: their graph would only use memory.
 
         Args:
             hook: what it was returned by.
@@ -216,7 +216,7 @@ class RunHookManager:
         return _Subset(self.manager, others)
 
     def without(self, plugins: Collection[Any]) -> Any:
-        """A caller namespace that leaves ``plugins`` out."""
+        """A caller namespace that excludes ``plugins``."""
         return _Subset(self.manager, list(plugins))
 
     @contextmanager
@@ -242,7 +242,7 @@ class RunHookManager:
         from apil_core.api.method import Observer
 
         try:
-            if isinstance(plugin, Observer):  # beside any method: it must not need what only one opens
+            if isinstance(plugin, Observer):  # used with any method: must not need one method's hooks
                 alone = pluggy.PluginManager(PROJECT)
                 alone.add_hookspecs(RunHooks)
                 register(alone, name, plugin)
@@ -288,7 +288,7 @@ def _lives_on(value: Tensor, device: torch.device) -> bool:
 
 
 class _Subset:
-    """``hook``-like access that leaves some plugins out."""
+    """``hook``-like access that excludes some plugins."""
 
     def __init__(self, manager: pluggy.PluginManager, left_out: Sequence[Any]):
         self._manager = manager

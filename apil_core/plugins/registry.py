@@ -135,7 +135,7 @@ def load_policy(
 def build_methods(
     chain: Sequence[MethodSpec], options: Mapping[str, Mapping[str, Any]], setup: MethodSetup
 ) -> dict[str, Method]:
-    """Make the method objects of a run in ``requires`` order; ``setup.methods`` grows along.
+    """Build the method objects of a run in ``requires`` order; each is added to ``setup.methods``.
 
     Raises:
         PluginError: a factory fails or gives something that is no ``Method``.

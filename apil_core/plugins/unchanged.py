@@ -9,7 +9,7 @@ from typing import Any
 from torch import Tensor
 
 RUN = "run"
-"""The argument that is never looked into: what it leads to changes all the time."""
+"""The argument that is not inspected: its contents change all the time."""
 
 
 def copies(arguments: Mapping[str, object]) -> dict[str, Tensor]:
@@ -27,7 +27,7 @@ def copies(arguments: Mapping[str, object]) -> dict[str, Tensor]:
 
 
 def changed(before: Mapping[str, Tensor], arguments: Mapping[str, object]) -> list[str]:
-    """Paths whose values are not those of ``before``, or that came or went since.
+    """Paths whose values differ from ``before``, and added or removed paths.
 
     Args:
         before: what :func:`copies` gave.

@@ -18,14 +18,14 @@ from apil_core.api.hooks import PROJECT, life_of
 from apil_core.common.errors import PluginError
 
 _MAY_STAY_SILENT = frozenset({"update_auxiliary"})
-"""Hooks whose answer is a report, which work without one."""
+"""Hooks whose return value is optional (metrics)."""
 
 
 def register(manager: pluggy.PluginManager, name: str, plugin: Any) -> None:
-    """Register ``plugin`` with all that it fills.
+    """Register ``plugin`` with all its hook implementations.
 
     Raises:
-        PluginError: it fills an unknown hook, takes an argument a hook does not have, or pluggy objects.
+        PluginError: it implements an unknown hook, takes an argument a hook lacks, or pluggy rejects it.
     """
     for attribute, hook, wraps in _marked(manager, plugin):
         spec = _spec(manager, hook)
@@ -73,7 +73,7 @@ def forgotten(manager: pluggy.PluginManager, name: str) -> list[str]:
 
 
 def unmarked(manager: pluggy.PluginManager, plugin: Any) -> list[str]:
-    """Hooks that ``plugin`` has a function of that name for, but not marked as filling it."""
+    """Hooks for which ``plugin`` has a function of that name that is not marked as an implementation."""
     return [
         hook
         for hook in sorted(vars(manager.hook))
@@ -84,7 +84,7 @@ def unmarked(manager: pluggy.PluginManager, plugin: Any) -> list[str]:
 
 
 def remarks(manager: pluggy.PluginManager, name: str, plugin: Any) -> list[str]:
-    """All that is odd about a registered plugin but no error, one line each."""
+    """Warnings about a registered plugin, one line each."""
     never = "is named like a hook but not marked with @hookimpl, so it is never called"
     return [
         *deprecated(manager, name),
@@ -144,7 +144,7 @@ def _answers(implementation: pluggy.HookImpl) -> bool:
     except (OSError, TypeError, SyntaxError, IndexError):
         return True
     if not isinstance(tree, (ast.FunctionDef, ast.AsyncFunctionDef)):
-        return True  # a lambda always answers
+        return True  # a lambda always returns a value
     says_so = isinstance(tree.returns, ast.Constant) and tree.returns.value is None
     answering = (
         (isinstance(node, (ast.Yield, ast.YieldFrom)) and not implementation.wrapper)

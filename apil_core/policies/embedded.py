@@ -1,4 +1,4 @@
-"""The students shipped with APIL: ``embedded:<game>/<role>/<version>``, named like their teachers."""
+"""The students shipped with APIL: ``embedded:<game>/<role>/<version>``, named after their teachers."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ class FrozenPolicy(Policy):
 
     Attributes:
         shape: of the network.
-        critic: the value network it was trained with, if it brings one.
+        critic: the value network it was trained with, if it has one.
 
     Args:
         info: identity.

@@ -109,7 +109,7 @@ def run_victim(config: RunConfig, game: Game, plugins: PluginRegistry, seed: int
     """
     load_options = LoadOptions(
         config.trust, stream_seed(seed, "victim's hooks")
-    )  # not what the adversary's draw from
+    )  # not the adversary's stream
     name = victim_name(config, plugins)
     policy = load_victim(name, game, victim_side(config, plugins), config.device, plugins, load_options)
     expected, found = config.victim_sha256, policy.info.sha256

@@ -1,4 +1,4 @@
-"""The one network of zoo agents, students and hardened victims, with its weights as files have them."""
+"""The network of zoo agents, students and hardened victims, with its weights named as in files."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ class PolicyNetwork(nn.Module):
         return output, x, state
 
     def forward(self, z: Tensor, done: Tensor, state: LstmState) -> tuple[Tensor, LstmState]:
-        """A stretch of T steps of n games, with gradients through time.
+        """A sequence of T steps of n games, with gradients through time.
 
         Args:
             z: standardised observations, (T, n, o).

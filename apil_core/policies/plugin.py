@@ -10,7 +10,7 @@ APIL_HOOK_API = 2
 
 @hookimpl
 def register_policies() -> list[PolicySpec]:
-    """Offer ``zoo:`` and ``embedded:<game>/<side>/<version>`` and ``baseline:<kind>/OxA``."""
+    """Register ``zoo:`` and ``embedded:<game>/<side>/<version>`` and ``baseline:<kind>/OxA``."""
     return [
         PolicySpec(
             scheme="zoo",

@@ -1,4 +1,4 @@
-"""The safetensors file of a student (``apil distill``): weights, what they mean, and where they came from."""
+"""The safetensors file of a student (``apil distill``): weights, architecture and provenance."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ def cached_file(entry: ZooEntry) -> Path:
 
 
 def write(entry: ZooEntry, tensors: Mapping[str, Vector], metadata: dict[str, str]) -> None:
-    """Store an agent under its name; readers see the old file or the new one, never half of one."""
+    """Store an agent under its name, atomically."""
     target = cached_file(entry)
     content = save(dict(tensors), {**metadata, _SEAL: _seal(metadata)})
     try:
@@ -93,7 +93,7 @@ def _verify(entry: ZooEntry, tensors: Mapping[str, Vector], metadata: Mapping[st
 
 
 def _seal(metadata: Mapping[str, str]) -> str:
-    """SHA-256 of all other metadata: where a file came from must be as sure as what is in it."""
+    """SHA-256 of all other metadata, so that the provenance is verified like the content."""
     rest = sorted((key, value) for key, value in metadata.items() if key != _SEAL)
     return hashlib.sha256(repr(rest).encode()).hexdigest()
 

@@ -1,4 +1,4 @@
-"""Fetch upstream's pickles at the pinned commit, for those who have no copy of the repository."""
+"""Download of upstream's pickles at the pinned commit, for users without a copy of the repository."""
 
 from __future__ import annotations
 

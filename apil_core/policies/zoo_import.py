@@ -1,4 +1,4 @@
-"""From upstream's pickles to the cache."""
+"""Import of upstream's pickles into the cache."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A zoo agent as a policy: its tensors in the form that students have, its sums in their published order."""
+"""A zoo agent as a policy: tensors in the students' format, floating-point sums in the published order."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class _ZooStandardizer(Standardizer):
 
 
 def _moments(tensors: Tensors, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean and ``√max(variance, 0.01)`` of what the agent saw in training.
+    """Mean and ``√max(variance, 0.01)`` of the agent's observations in training.
 
     In double precision: the variance is a small difference of large numbers.
     """

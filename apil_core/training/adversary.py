@@ -62,7 +62,7 @@ class ObservationBuilder(nn.Module):
         return groups
 
     def unchecked_groups(self, context: Context, view: View) -> dict[str, Tensor]:
-        """:meth:`groups` by tensor operators alone, so that torch can trace it; values are not looked at."""
+        """:meth:`groups` by tensor operators alone, so that torch can trace it; values are not checked."""
         answers = self._hooks.hook.extend_observation(context=context, view=view)
         groups = {OWN_GROUP: view.own}
         for name, value in self._hooks.merged(answers, "extend_observation").items():
@@ -73,7 +73,7 @@ class ObservationBuilder(nn.Module):
 
     def add_normalizers(self, sizes: dict[str, int], device: torch.device) -> None:
         """Set the group sizes (when loading a policy)."""
-        # the first view comes in inference mode, whose tensors could never be loaded into again
+        # the first view is in inference mode, whose tensors could not be loaded into later
         with torch.inference_mode(False):
             for name, size in sizes.items():
                 try:
@@ -154,13 +154,13 @@ class AdversaryPolicy(Policy):
         self.context.generator.manual_seed(stream_seed(seed, HOOK_STREAM))
 
     def recurrent_state(self) -> dict[str, Any]:
-        """The hooks' generator, and what methods and observers carry along."""
+        """State of the hooks' generator, of methods and of observers."""
         with self.hooks.attribution():
             states = {name: plugin.state_dict() for name, plugin in self.hooks.of(RunPlugin).items()}
         return {"generator": self.context.generator.get_state(), "methods": states}
 
     def load_recurrent_state(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`recurrent_state` gave; nothing else is carried from game to game."""
+        """Restore the result of :meth:`recurrent_state`; there is no other state between games."""
         if not state:
             return
         self.context.generator.set_state(state["generator"].cpu())

@@ -1,4 +1,4 @@
-"""Games with the frozen victim inside: what the learner plays. Follows rsl_rl's ``VecEnv`` by shape.
+"""The learner's environment: games with the frozen victim inside. Has the interface of rsl_rl's ``VecEnv``.
 
 One step: victim and adversary have seen s_t, the victim has chosen a^ν_t, the adversary's extra
 observations are made (they may read a^ν_t: the oracle), then :meth:`AttackEnv.step` takes a^α_t.
@@ -40,7 +40,7 @@ from apil_core.training.rewards import dense_share, training_reward
 from apil_core.training.rollout_buffer import RolloutBuffer
 
 _OWN_TERMS = {"adversary", "victim", "uneven_share"}
-"""Names under ``reward/`` in the metrics that are not a plugin's."""
+"""Names under ``reward/`` in the metrics that plugins cannot use."""
 
 
 @dataclass
@@ -296,7 +296,7 @@ class AttackEnv:
         )
 
     def restart(self) -> None:
-        """Start all games anew at the next observation (the networks behind it have changed)."""
+        """Restart all games at the next observation, after a change of networks."""
         self._pending = None
 
 

@@ -82,7 +82,7 @@ def build_hooks(
 
 
 def observing(config: RunConfig, plugins: PluginRegistry, setup: MethodSetup) -> dict[str, Any]:
-    """Build ``config.observers``, in that order: new objects, or whole plugin modules.
+    """Build ``config.observers``, in that order: new objects, or plugin modules.
 
     Raises:
         ConfigError: there is none of a name.

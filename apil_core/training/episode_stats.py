@@ -1,4 +1,4 @@
-"""Counting how games end while they are played."""
+"""Statistics of ended games during training."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class EpisodeStats:
         self._clear()
 
     def add(self, step: StepBatch, terms: Mapping[str, Tensor]) -> None:
-        """Take in one vectorised step and its named reward terms, each (n,)."""
+        """Add one vectorised step and its named reward terms, each (n,)."""
         self._returns += step.sparse + step.dense
         self._length += 1
         self._steps += 1
@@ -99,7 +99,7 @@ class EpisodeStats:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`state_dict` gave."""
+        """Restore the result of :meth:`state_dict`."""
         self.games_total = state["games_total"]
         self._returns.copy_(state["returns"])
         self._length.copy_(state["length"])

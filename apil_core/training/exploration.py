@@ -49,7 +49,7 @@ class Noise:
         raise NotImplementedError
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`state_dict` gave."""
+        """Restore the result of :meth:`state_dict`."""
         raise NotImplementedError
 
 
@@ -91,7 +91,7 @@ class AutoregressiveNoise(Noise):
 class ColouredNoise(Noise):
     """Power spectrum 1/f^β over the longest game (Timmer & König 1995; Hollenstein et al. 2024: β = ½).
 
-    A game's whole noise is drawn when it begins; one that outlives the horizon begins another.
+    A game's whole noise is drawn at its start; a game longer than the horizon draws again.
 
     Args:
         colour: β; 0 is white, 1 pink, 2 red.

@@ -38,7 +38,7 @@ class RunningMoments(nn.Module):
 
     @torch.no_grad()
     def update(self, rows: Tensor) -> None:
-        """Take in ``rows``, shape (m, size)."""
+        """Update with ``rows``, shape (m, size)."""
         count = rows.shape[0]
         if count == 0:
             return
@@ -59,7 +59,7 @@ class RunningMoments(nn.Module):
         self.count.fill_(total)
 
     def _update_column(self, values: Tensor) -> None:
-        """:meth:`update` in plain numbers, with the same result bit for bit.
+        """:meth:`update` in Python floats, with the same result bit for bit.
 
         Every step has several of these, and a tensor of one element costs as much as a long one.
         """
@@ -113,7 +113,7 @@ class ObservationNormalizer(nn.Module):
         self.register_buffer("scale", torch.ones(size))
 
     def update(self, observations: Tensor) -> None:
-        """Take in observations, shape (m, size)."""
+        """Update with observations, shape (m, size)."""
         self.moments.update(observations)
         self.shift.copy_(self.moments.mean)
         self.scale.copy_((self.moments.var + _EPSILON).rsqrt())
@@ -145,14 +145,14 @@ class ReturnNormalizer(nn.Module):
 
     @torch.no_grad()
     def update(self, reward: Tensor, done: Tensor) -> Tensor:
-        """Take in one step's rewards (n,) and end flags (n,), and return the rewards normalised, (n,)."""
+        """Update with one step's rewards (n,) and end flags (n,); returns normalised rewards, (n,)."""
         self.returns.mul_(self.gamma).add_(reward)
         self.moments.update(self.returns.unsqueeze(-1))
         self.returns.masked_fill_(done, 0.0)
         return self(reward)
 
     def forward(self, reward: Tensor) -> Tensor:
-        """Normalise with the present statistics, shape unchanged."""
+        """Normalise with the current statistics, shape unchanged."""
         # The very first rewards may all be zero: without spread there is nothing to divide by.
         scale = 1 / math.sqrt(float(self.moments.var) + _EPSILON)
         return (reward * scale).clamp_(-self.clip, self.clip)

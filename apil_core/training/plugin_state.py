@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from apil_core.api.method import RunPlugin
 
 _PLAIN = (Tensor, nn.Parameter, int, float, bool, str, bytes, type(None))
-"""Types known to be stored and read back as they are."""
+"""Types that are stored and loaded unchanged."""
 
 
 def states_of(plugins: Mapping[str, RunPlugin]) -> dict[str, dict[str, Any]]:
@@ -52,7 +52,7 @@ def load_states(plugins: Mapping[str, RunPlugin], states: Mapping[str, dict[str,
     """Load into each plugin what :func:`states_of` gave.
 
     Raises:
-        PluginError: one does not take it.
+        PluginError: one cannot load it.
     """
     for name, plugin in plugins.items():
         if name not in states:
@@ -107,7 +107,7 @@ def check_states(
 
 
 def stored_and_read(states: Mapping[str, Any]) -> dict[str, Any]:
-    """``states`` as a checkpoint gives them back."""
+    """``states`` as loaded from a checkpoint."""
     file = io.BytesIO()
     torch.save(to_tensors(states), file)
     file.seek(0)
@@ -121,7 +121,7 @@ def unstorable(value: Any, path: str) -> tuple[str, str] | None:
         return path, "tensor with a graph"
     if type(value) in _PLAIN:
         return None
-    if isinstance(value, (np.ndarray, np.generic)):  # it would come back as a tensor, or a plain number
+    if isinstance(value, (np.ndarray, np.generic)):  # it would be loaded as a tensor, or a plain number
         return path, "numpy array" if isinstance(value, np.ndarray) else "numpy number"
     if isinstance(value, Mapping):
         inner = [(f"{path}[{key!r}]", item) for key, item in value.items()]

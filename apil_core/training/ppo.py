@@ -1,7 +1,7 @@
 """PPO for every method, on rsl_rl's algorithm, models and storage. Together with
 ``ppo_storage`` the only place that imports rsl_rl.
 
-What rsl_rl does differently from the published PPO is set here (docs/methods.md §3, PPO):
+Differences of rsl_rl from the published PPO are configured here (docs/methods.md §3, PPO):
 fixed schedule with the learning rate annealed from outside, value loss clipped by default,
 advantages normalised per minibatch, ½ in the value loss, Adam's epsilon 1e-5, orthogonal initial weights.
 Accepted departures: actor and critic are clipped separately; one permutation serves all epochs.
@@ -183,7 +183,7 @@ class Learner:
         mean = self._mean(latent)
         if self.noise is None:
             action = torch.normal(mean, self.actor.std.expand_as(mean))
-        else:  # densities are taken as if it were white: a bias accepted for the exploration it buys
+        else:  # densities assume white noise: a bias accepted in exchange for better exploration
             action = mean + self.actor.std * self.noise.draw()
         self.storage.keep_mean(mean)
         return action
@@ -210,7 +210,7 @@ class Learner:
             streams: reward streams beside the main one, each (T, n).
         """
         storage = self.storage
-        with torch.no_grad():  # not inference mode: plugins may train on what comes out
+        with torch.no_grad():  # not inference mode: plugins may train on the result
             # one pass over the whole rollout: the critic is not needed while it is collected
             values, next_value = self._values(last)
             storage.values.copy_(values)
@@ -267,7 +267,7 @@ class Learner:
             self.actor.load_state_dict(fixed)
             for parameter in self.actor.parameters():
                 ppo.optimizer.state.pop(parameter, None)
-        # rsl_rl divides by the passes it was to make
+        # rsl_rl divides by the planned passes
         metrics = {
             f"ppo/{name}": float(value) * self.config.epochs / passes for name, value in losses.items()
         }
@@ -291,7 +291,7 @@ class Learner:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`state_dict` gave."""
+        """Restore the result of :meth:`state_dict`."""
         self.ppo.load(state["ppo"], None, strict=True)
         for name, critic in state["critics"].items():
             self._stream_critic(name).load_state_dict(critic)
@@ -299,7 +299,7 @@ class Learner:
             self.noise.load_state_dict(state["noise"])
 
     def load_networks(self, state: dict[str, Any]) -> None:
-        """Take actor and critics of another run's :meth:`state_dict`, with fresh optimisers."""
+        """Load actor and critics of another run's :meth:`state_dict`, with fresh optimisers."""
         self.ppo.load(state["ppo"], {"actor": True, "critic": True}, strict=True)
         for name, critic in state["critics"].items():
             self._stream_critic(name).model.load_state_dict(critic["model"])
@@ -363,6 +363,6 @@ class StreamCritic:
         return {"model": self.model.state_dict(), "optimizer": self.optimizer.state_dict()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`state_dict` gave."""
+        """Restore the result of :meth:`state_dict`."""
         self.model.load_state_dict(state["model"])
         self.optimizer.load_state_dict(state["optimizer"])

@@ -1,4 +1,4 @@
-"""One rollout as PPO's update reads it: rsl_rl's storage and model, without their copies."""
+"""Rollout storage of PPO's update: rsl_rl's storage and model, without their copies."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LATENT = "latent"
 
 
 class LatentModel(MLPModel):
-    """rsl_rl's MLP, which takes its groups side by side if they come that way.
+    """rsl_rl's MLP, which also accepts concatenated groups.
 
     rsl_rl joins the groups in every forward pass; a rollout is joined once, when it is stored.
     """
@@ -71,7 +71,7 @@ class PPOStorage(RolloutStorage):
         self._privileged: Tensor | None = self.observations.get(PRIVILEGED_GROUP)
 
     def next_latent(self, observations: TensorDict) -> Tensor:
-        """Store the groups of the step that begins; returns the actor's side by side, (n, k)."""
+        """Store the observation groups of a step; returns the actor's concatenated, (n, k)."""
         latent = self._latents[self.step]
         if self._privileged is not None:
             self._privileged[self.step].copy_(observations[PRIVILEGED_GROUP])
@@ -79,12 +79,12 @@ class PPOStorage(RolloutStorage):
         return latent
 
     def keep_mean(self, mean: Tensor) -> None:
-        """Store the mean of the action's distribution, (n, a), and go on to the next step."""
+        """Store the mean of the action's distribution, (n, a), and advance to the next step."""
         self.means[self.step].copy_(mean)
         self.step += 1
 
     def keep_log_prob(self, std: Tensor) -> None:
-        """Log density of all stored actions, their distributions having had this ``std`` (a,)."""
+        """Store the log density of all stored actions under standard deviation ``std`` (a,)."""
         log_prob = torch.distributions.Normal(self.means, std).log_prob(self.actions)
         self.actions_log_prob.copy_(log_prob.sum(-1, keepdim=True))
 
@@ -106,10 +106,10 @@ class PPOStorage(RolloutStorage):
     def recurrent_mini_batch_generator(
         self, num_mini_batches: int, num_epochs: int = 8
     ) -> Iterator[RolloutStorage.Batch]:
-        """Batches of some of the games over all T steps, for networks with memory; shuffled once, too.
+        """Batches of some of the games over all T steps, for recurrent networks; shuffled once, too.
 
-        Their columns are flat, (T·m, …), as without memory; ``masks`` are the ends of games, (T, m) bool, and
-        ``hidden_states`` those before the first step.
+        Their columns are flat, (T·m, …), as for feed-forward ones; ``masks`` are the ends of games, (T, m)
+        bool, and ``hidden_states`` those before the first step.
         """
         batches = []
         order = torch.randperm(self.num_envs, device=self.device)

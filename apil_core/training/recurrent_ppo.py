@@ -98,11 +98,11 @@ class NetworkModel(nn.Module):
         return self._distribution.entropy().sum(-1)
 
     def update_normalization(self, observations: TensorDict) -> None:
-        """Statistics stay as they are: moving them would change what the network does unasked."""
+        """Keep the statistics: updating them would change the network's outputs."""
 
     @torch.no_grad()
     def rescale(self, factor: float, shift: float) -> None:
-        """From now on give ``factor · output + shift``: a change of units, folded into the last layer."""
+        """Rescale outputs to ``factor · output + shift``: a change of units, folded into the last layer."""
         last = self.network.mlp[-1]
         assert isinstance(last, nn.Linear)
         last.weight.mul_(factor)
@@ -147,7 +147,7 @@ class NetworkLearner(Learner):
         return mean
 
     def ended(self, done: Tensor) -> None:
-        """See :meth:`Learner.ended`; the actor's memory of those games goes as well."""
+        """See :meth:`Learner.ended`; also resets the actor's state in those games."""
         super().ended(done)
         if self.policy.is_recurrent and bool(done.any()):
             h, c = (rows.masked_fill(done.unsqueeze(1), 0) for rows in self._states[0])
@@ -160,7 +160,7 @@ class NetworkLearner(Learner):
         self.storage.clear()
 
     def _follow(self) -> Tensor:
-        """Values of the rollout, (T, n, 1); the critic's state is that after it from now on."""
+        """Values of the rollout, (T, n, 1); advances the critic's state to its end."""
         z, done = self.storage.observations[LATENT], self.storage.dones[..., 0].bool()
         values, self._states[1] = self.critic.network(z, done, self._states[1])
         return values
@@ -183,7 +183,7 @@ class NetworkLearner(Learner):
         return found
 
     def update(self, advantages: Tensor, **options: Any) -> dict[str, float]:
-        """See :meth:`Learner.update`; also the share of the returns' variance that the critic foresaw."""
+        """See :meth:`Learner.update`; also returns the explained variance of the critic."""
         return {**super().update(advantages, **options), "ppo/explained_variance": self._explained}
 
     def state_dict(self) -> dict[str, Any]:
@@ -191,7 +191,7 @@ class NetworkLearner(Learner):
         return {**super().state_dict(), "states": [list(state) for state in self._states]}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`state_dict` gave."""
+        """Restore the result of :meth:`state_dict`."""
         super().load_state_dict(state)
         for i, (h, c) in enumerate(state["states"]):
             self._states[i] = h.to(self.device), c.to(self.device)

@@ -15,7 +15,7 @@ from apil_core.training.rollout_buffer import RolloutBuffer
 
 
 class SideGames:
-    """Plays the current adversary against any policy in the victim's seat. Made on first use.
+    """Plays the current adversary against any policy in the victim's seat. Built on first use.
 
     Args:
         attack: the run whose adversary plays.
@@ -36,7 +36,7 @@ class SideGames:
         return int(self._saved["steps"]) if self._saved is not None else 0
 
     def collect(self, policy: Policy, steps: int) -> Rollout:
-        """Play ``steps`` vectorised steps; games go on from the last call."""
+        """Play ``steps`` vectorised steps; games continue from the last call."""
         if self._env is None:
             self._env = self._build(policy)
         with torch.inference_mode():
@@ -45,7 +45,7 @@ class SideGames:
     def _play(self, env: AttackEnv, policy: Policy, steps: int) -> Rollout:
         env.played = self._attack.env.played
         env.victim = policy
-        env.buffer = RolloutBuffer(steps)  # what was collected before may still be learnt from
+        env.buffer = RolloutBuffer(steps)  # earlier rollouts may still be in use
         # reward statistics are the training games': r̂ must mean the same in both
         for name, module in env.normalizers.items():
             module.moments.load_state_dict(self._attack.env.normalizers[name].moments.state_dict())
@@ -75,7 +75,7 @@ class SideGames:
         return env
 
     def close(self) -> None:
-        """Release what the games hold, if there are any."""
+        """Release the games' resources, if there are any."""
         if self._env is not None:
             self._env.game.close()
 

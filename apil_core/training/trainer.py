@@ -70,10 +70,10 @@ class Trainer:
         return self.steps >= self.total_steps
 
     def iterate(self, *, actor_fixed: bool = False) -> dict[str, float]:
-        """One iteration; returns its metrics.
+        """Run one iteration; returns its metrics.
 
         Args:
-            actor_fixed: all learn but the adversary's policy.
+            actor_fixed: train everything except the adversary's policy.
         """
         begin = time.perf_counter()
         self._begun_at = self.steps
@@ -101,7 +101,7 @@ class Trainer:
         return metrics
 
     def start_equal(self) -> None:
-        """Before the first iteration: give all processes the first one's networks."""
+        """Copy the first process's networks to all, before the first iteration."""
         self.attack.learner.start_equal()
         self._replicas.start_equal()
 
@@ -186,7 +186,7 @@ class Trainer:
         ppo = self.config.ppo
         if ppo.lr_schedule == "constant":
             return ppo.learning_rate
-        # as the published code: the share of the budget left when the iteration began
+        # as in the published code: the share of the budget left at the start of the iteration
         return ppo.learning_rate * max(1.0 - self._begun_at / self.total_steps, 0.0)
 
     def stop(self, reason: str) -> None:
@@ -201,7 +201,7 @@ class Trainer:
         return self.side_games.collect(victim_side_policy, steps)
 
     def policy_state(self) -> dict[str, Any]:
-        """The part of :meth:`state_dict` that makes the adversary."""
+        """The part of :meth:`state_dict` that determines the adversary."""
         attack = self.attack
         return {
             "groups": attack.builder.sizes,

@@ -1,1 +1,1 @@
-"""The games of APIL, registered through the same hooks a third party uses; see :mod:`apil_envs.plugin`."""
+"""The games of APIL, registered through the same hooks as third-party games; see :mod:`apil_envs.plugin`."""

@@ -93,7 +93,7 @@ class MujocoGame(Game):
         first, second = (self._side_layout(side) for side in (0, 1))
         self.layout = GameLayout((first, second), self.max_steps, self.causes)
 
-    # --- what a game fills in
+    # --- implemented by subclasses
 
     def set_up(self) -> None:
         """Create game-specific state. Called once, after ``physics`` and ``robots`` are created."""
@@ -142,7 +142,7 @@ class MujocoGame(Game):
         """Height of both roots, (2, n), m."""
         return np.stack([robot.height for robot in self.robots])
 
-    # --- the contract of apil_core.Game
+    # --- the interface of apil_core.Game
 
     @property
     def settings(self) -> dict[str, Any]:

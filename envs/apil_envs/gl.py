@@ -1,4 +1,4 @@
-"""The OpenGL that MuJoCo draws with on this machine: a screen's (GLFW), or without one EGL or OSMesa."""
+"""MuJoCo's OpenGL backend on this machine: GLFW with a display, EGL or OSMesa without one."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ renderer.update_scene(data)
 renderer.render()
 renderer.close()
 """
-_PATIENCE = 60.0  # seconds; a trial takes about one
+_PATIENCE = 60.0  # s; a trial takes about 1 s
 
 
 def has_screen() -> bool:
@@ -81,7 +81,7 @@ def works(backend: str, without: str = "") -> bool:
     environment = {name: value for name, value in os.environ.items() if name != without}
     command = [sys.executable, "-P", "-c", _TRIAL]
     how: Any = {"env": {**environment, "MUJOCO_GL": backend}, "capture_output": True, "timeout": _PATIENCE}
-    with TemporaryDirectory() as folder:  # a failure leaves MuJoCo's log there
+    with TemporaryDirectory() as folder:  # MuJoCo writes its log there on failure
         try:
             return subprocess.run(command, cwd=folder, check=False, **how).returncode == 0
         except subprocess.TimeoutExpired:

@@ -1,7 +1,7 @@
 """Mass and inertia of a body from its geoms, by today's capsules or by those of MuJoCo 1.31.
 
-The pretrained agents were trained where a capsule weighed as much as a solid cylinder of the same
-radius and of height L + r, L being the distance between the cap centres.
+The pretrained agents were trained with capsules of the mass of a solid cylinder of the same radius and of
+height L + r, L being the distance between the cap centres.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def sphere(centre: Array, radius: float, density: float) -> Inertial:
 
 
 def capsule(start: Array, end: Array, radius: float, density: float) -> Inertial:
-    """A capsule between two cap centres, weighed as MuJoCo 1.31 did (see above)."""
+    """A capsule between two cap centres, with the mass of MuJoCo 1.31 (see above)."""
     length = float(np.linalg.norm(end - start))
     height = length + radius
     mass = density * math.pi * radius**2 * height

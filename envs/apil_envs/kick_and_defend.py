@@ -35,7 +35,7 @@ GOAL, OUTSIDE, TURNED_BACK, BOTH_DOWN, TIME_UP, LEFT_GOAL = range(6)
 def decide(
     ball: Array, ball_velocity: Array, heights: Array, keeper_x: Array, touched: Array, time_up: Array
 ) -> Verdict:
-    """The rules, as a pure function of what happened so far.
+    """The rules, as a pure function of the state and earlier touches.
 
     Args:
         ball: position, (n, 3), m.
@@ -111,7 +111,7 @@ class KickAndDefend(MujocoGame):
         self.touched[rows] = False
 
     def judge(self) -> Verdict:
-        """See :func:`decide`; a touch in this very step counts."""
+        """See :func:`decide`; a touch in the current step counts."""
         self.touched |= self.touching
         time_up = self.clock >= self.max_steps
         keeper_x = self.robots[KEEPER].qpos[:, 0]

@@ -1,4 +1,4 @@
-"""Sky, floor and light of a scene: no influence on the physics."""
+"""Sky, floor and light of a scene, without influence on the physics."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _add_light(spec: mujoco.MjSpec) -> None:
 
 
 def _make_goal(spec: mujoco.MjSpec, wall: mujoco.MjsGeom) -> None:
-    """Show a goal in place of a wall that cannot be touched (which would cast a wall's shadow)."""
+    """Draw a goal instead of a wall without contacts (which would cast a wall's shadow)."""
     wall.rgba = [0, 0, 0, 0]
     x, y = wall.pos[:2]
     width, height = wall.size[1], wall.size[2]

@@ -43,12 +43,12 @@ def distance(points: Array, others: Array | float = 0.0) -> Array:
 
 
 def run(robot: Robot, actions: Array, moved: Array, goal: float, seconds: float) -> Array:
-    """Everything a humanoid gets per step for running at the line x = ``goal``.
+    """Dense reward of a humanoid per step for running towards the line x = ``goal``.
 
     Args:
-        robot: who runs.
+        robot: the runner's.
         actions: not clipped, (n, a).
-        moved: way of its mass centre along x in this step, (n,), m.
+        moved: displacement of its mass centre along x in this step, (n,), m.
         goal: x of the line, m; the runner starts on the other side of 0.
         seconds: length of the step.
     """

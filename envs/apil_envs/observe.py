@@ -33,7 +33,7 @@ class Block:
 
 
 def copied(name: str, source: Array, about_opponent: bool = False) -> Block:
-    """``source`` (n, k) as it is."""
+    """``source`` (n, k) unchanged."""
 
     def fill(rows: Rows, out: Array) -> None:
         out[...] = source[rows]

@@ -1,4 +1,4 @@
-"""Many simulations of one scene: bind once, step, reset some, notice the ones that diverge."""
+"""Batch of simulations of one scene: bind once, step, reset some, detect divergence."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _told: set[str] = set()
 
 
 def _tell(text: str) -> None:
-    """Each kind of warning once on stderr: by itself MuJoCo writes MUJOCO_LOG.TXT in the user's folder."""
+    """Print each kind of warning once on stderr, instead of MuJoCo's MUJOCO_LOG.TXT in the user's folder."""
     kind = text.partition(" Time =")[0]
     if kind not in _told:
         _told.add(kind)
@@ -124,7 +124,7 @@ class Physics:
             self.qpos[rows] = self._simulated[rows]
 
     def show(self) -> None:
-        """Bring :attr:`qpos` up to date with the simulations, after :attr:`state` was written to."""
+        """Update :attr:`qpos` from the simulations, after a write to :attr:`state`."""
         if self._shift is not None:
             self._shift(self._simulated, self.qpos, self.qvel, ALL, -self._half_step)
 

@@ -118,7 +118,7 @@ _GAMES = [
 
 @hookimpl
 def register_games() -> list[GameSpec]:
-    """The six games of Bansal et al. 2018, and a toy for quick trials and tests."""
+    """The six games of Bansal et al. 2018, and a toy game for quick trials and tests."""
     return _GAMES
 
 

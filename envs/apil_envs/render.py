@@ -1,4 +1,4 @@
-"""Pictures of a MuJoCo game, on a copy of its state: drawing never touches the simulations."""
+"""Pictures of a MuJoCo game, rendered from a copy of its state: drawing never changes the simulations."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FORWARD = np.array([0.0, np.cos(_ELEVATION), np.sin(_ELEVATION)])
 _UP = np.array([0.0, -np.sin(_ELEVATION), np.cos(_ELEVATION)])
 _EYES = 0.8  # least height of the camera's target, m
 _NEAREST = 2.9  # half width of what is always in view, m
-_FIELD = np.array([[-5.0, -4.5, 0.0], [5.0, 4.5, 2.6]])  # what leaves it is not followed, m
+_FIELD = np.array([[-5.0, -4.5, 0.0], [5.0, 4.5, 2.6]])  # objects that leave it are not followed, m
 _BESIDE, _ABOVE, _EDGE = 1.1, 1.1, 0.3  # margin around players and ball, and around ring and goal, m
 _LIT = 10.0  # half width of the square in which things cast shadows, m
 _SHADOW_PIXELS = 2048
@@ -56,7 +56,7 @@ class Scenery:
         self.update(row, colours)
 
     def update(self, row: int, colours: tuple[Colour, Colour]) -> None:
-        """Take over a game's present positions and the size of its ring."""
+        """Copy a game's current positions and the size of its ring."""
         self._physics.row_model(row, self.model)
         for parts, colour in zip(self._parts, colours, strict=True):
             self.model.geom_rgba[parts] = [*(channel / 255 for channel in colour), 1.0]
@@ -98,7 +98,7 @@ class Scenery:
 
 
 class Painter:
-    """Draws one scenery at one size.
+    """Renders one scene at one size.
 
     Raises:
         ApilError: no OpenGL works here, or the size is out of bounds.
@@ -117,7 +117,7 @@ class Painter:
         self._renderer.scene.flags[mujoco.mjtRndFlag.mjRND_HAZE] = True
 
     def paint(self) -> Array:
-        """The scenery as it is now, (height, width, 3) uint8."""
+        """Picture of the scene, (height, width, 3) uint8."""
         self._scenery.aim(self._renderer.width / self._renderer.height)
         self._renderer.update_scene(self._scenery.data, self._scenery.camera)
         return self._renderer.render()

@@ -27,7 +27,7 @@ def decide(centres: Array, down: Array, time_up: Array) -> Verdict:
 
     Args:
         centres: x of both mass centres, (2, n), m.
-        down: which runner is down, (2, n) bool.
+        down: the runner is down, (2, n) bool.
         time_up: (n,) bool.
     """
     arrived = np.stack([centres[0] > GOALS[0], centres[1] < GOALS[1]])
@@ -39,7 +39,7 @@ def decide(centres: Array, down: Array, time_up: Array) -> Verdict:
 
 
 class RunToGoal(MujocoGame):
-    """Base of both games; both sides see and do the same, in opposite directions."""
+    """Base of both games; both sides have the same observations and actions, in opposite directions."""
 
     side_names = ("runner_0", "runner_1")
     causes = CAUSES
@@ -60,7 +60,7 @@ class RunToGoal(MujocoGame):
 
     @abstractmethod
     def run(self, side: int, moved: Array) -> Array:
-        """Dense reward of one side, (n,); ``moved`` is its way along x in this step, (n,), m."""
+        """Dense reward of one side, (n,); ``moved`` is its displacement along x in this step, (n,), m."""
 
 
 class RunToGoalHumans(RunToGoal):

@@ -70,9 +70,9 @@ def build_scene(
     """Compile the scene of a game.
 
     Args:
-        scene: what to build, or the name of one of the six original scenes.
+        scene: description, or the name of one of the six original scenes.
         options: the physics.
-        touch: two bodies; a sensor named :data:`TOUCH` watches contacts between what hangs on each.
+        touch: two bodies; a sensor named :data:`TOUCH` detects contacts between their subtrees.
     """
     scene = Scene.known(scene) if isinstance(scene, str) else scene
     spec = mujoco.MjSpec()
@@ -101,8 +101,8 @@ def _set_options(spec: mujoco.MjSpec, options: PhysicsOptions) -> None:
 def _keep_larger_margin(spec: mujoco.MjSpec, balls: list[mujoco.MjsBody], margin: float) -> None:
     """Give every contact with a robot the robot's margin, and all others none.
 
-    MuJoCo 1.31 took the larger of two geoms' margins, today's adds them. Only robots have one, so two
-    halves make it whole; contacts between arena and ball, which had none, are written out as pairs.
+    MuJoCo 1.31 took the larger of two geoms' margins, today's adds them. Only robots had one, so every geom
+    gets half of it; contacts between arena and ball, which had none, are explicit pairs.
     """
     arena = [geom for geom in spec.worldbody.geoms if geom.contype]
     for geom in spec.geoms:
@@ -136,7 +136,7 @@ def _add_sensors(spec: mujoco.MjSpec, touch: tuple[str, str] | None) -> None:
     spec.add_sensor(
         name=TOUCH,
         type=mujoco.mjtSensor.mjSENS_CONTACT,
-        objtype=mujoco.mjtObj.mjOBJ_XBODY,  # with everything that hangs on it
+        objtype=mujoco.mjtObj.mjOBJ_XBODY,  # with its subtree
         objname=touch[0],
         reftype=mujoco.mjtObj.mjOBJ_XBODY,
         refname=touch[1],

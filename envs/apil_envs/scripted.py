@@ -23,7 +23,7 @@ class ToyEvader(Policy):
     """Runs for the gate and swerves when the pursuer is near, always to its own left: an exploitable bias."""
 
     STD = 0.3
-    ALERT = 0.45  # distance at which it begins to swerve, disc radii
+    ALERT = 0.45  # distance at which it starts to swerve, disc radii
     SWERVE = 2.0
     RETREAT = 0.8
 

@@ -1,4 +1,4 @@
-"""The physics of a MuJoCo game, timed alone: its calls of ``Batch.step``, done again on another batch."""
+"""Timing of a MuJoCo game's physics alone: its calls of ``Batch.step``, replayed on another batch."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from apil_envs.arrays import Array
 
 @dataclass
 class Call:
-    """One call of ``Batch.step``: what it started from, and its arguments.
+    """One call of ``Batch.step``: start state and arguments.
 
     Attributes:
         state: of all simulations, (nsim, nstate).
@@ -31,10 +31,10 @@ class Call:
 
 
 class BatchStopwatch(PhysicsStopwatch):
-    """Listens to one batch, and does on another what it does.
+    """Records the calls of one batch, and replays them on another.
 
-    Model, threads, arguments (substeps, stage, which simulations), starting points and the derived fields
-    that are copied out are the same.
+    Model, threads, arguments (substeps, stage, selection of simulations), start states and the derived
+    fields that are copied out are the same.
 
     Args:
         batch: of the game, complete: all its fields are bound.
@@ -46,7 +46,7 @@ class BatchStopwatch(PhysicsStopwatch):
         self._calls: list[Call] = []
         self._seconds = 0.0
         self.replayed = Batch(batch.model, batch.nsim, batch.nthread, batch.persistent)
-        for name in batch._bound:  # mujoco has no public list of them; a test watches this one
+        for name in batch._bound:  # mujoco has no public list of them; a test checks this one
             self.replayed.bind(name)
         self._fields = {
             name: self.replayed.expand(name)
@@ -93,5 +93,5 @@ class BatchStopwatch(PhysicsStopwatch):
 
 
 def _kept(argument: Any) -> Any:
-    """A mask may be written again after the call."""
+    """Copy arrays, as a mask may be overwritten after the call."""
     return argument.copy() if isinstance(argument, np.ndarray) else argument

@@ -46,7 +46,7 @@ def decide(
     fallen: float,
     untouched_reward: float = 0.0,
 ) -> Verdict:
-    """The rules, as a pure function of what happened so far.
+    """The rules, as a pure function of the state and earlier touches.
 
     Args:
         heights: of both roots, (2, n), m.
@@ -110,7 +110,7 @@ class Sumo(MujocoGame):
         ]
 
     def place(self, rows: Array, rng: np.random.Generator) -> None:
-        """A new ring; side 0 left of its middle, side 1 right, both well inside."""
+        """Draw a ring; side 0 starts left of its middle, side 1 right, both well inside."""
         super().place(rows, rng)
         smallest, largest = self.ring
         radius = rng.uniform(smallest, largest, len(rows))
@@ -123,7 +123,7 @@ class Sumo(MujocoGame):
         self.touched[rows] = self.options.auto_contact
 
     def judge(self) -> Verdict:
-        """See :func:`decide`; a touch in this very step counts."""
+        """See :func:`decide`; a touch in the current step counts."""
         self.touched |= self.touching
         distances = np.stack([moves.distance(robot.qpos[:, :2]) for robot in self.robots])
         return decide(

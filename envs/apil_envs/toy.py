@@ -23,7 +23,7 @@ PRIZE, BONUS = 1000.0, 500.0
 QUICK = 20
 """A catch within so many steps earns the bonus."""
 SPEED = np.array([[0.045], [0.042]])
-"""Way of evader and pursuer in one step at full action, disc radii."""
+"""Displacement of evader and pursuer in one step at full action, disc radii."""
 CATCH_RADIUS = 0.1
 GATE = np.array([0.95, 0.0])
 GATE_RADIUS = 0.15
@@ -66,7 +66,7 @@ class ToyPursuit(Game):
         self._rng = np.random.default_rng(seed)
 
     def reset(self, mask: Array | None = None) -> None:
-        """Evader on the left, pursuer near the middle, both at random places."""
+        """Place the evader on the left and the pursuer near the middle, both at random."""
         rows = np.arange(self.num_envs) if mask is None else np.flatnonzero(mask)
         offset = self._rng.uniform(-1, 1, (2, len(rows), 2))
         self._position[:, rows] = START[:, None] + START_SPREAD[:, None] * offset

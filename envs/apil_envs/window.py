@@ -14,7 +14,7 @@ _ASPECT = 4 / 3  # of the first view; the window's aspect ratio is unknown
 
 
 class ViewerWindow(Window):
-    """One game in MuJoCo's viewer, in which the camera is the user's to move.
+    """One game in MuJoCo's viewer, in which the user can move the camera.
 
     Args:
         physics: the simulations.
@@ -26,7 +26,7 @@ class ViewerWindow(Window):
     """
 
     def __init__(self, physics: Physics, row: int, colours: tuple[Colour, Colour]):
-        # without a screen the viewer would wait for itself forever
+        # without a screen the viewer would deadlock
         if not gl.has_screen() or not gl.works("glfw"):
             raise ApilError("there is no screen to open a window on")
         self._row, self._colours = row, colours

@@ -1,4 +1,4 @@
-"""Every adversary against every victim."""
+"""Cross-play: every adversary against every victim."""
 
 from __future__ import annotations
 

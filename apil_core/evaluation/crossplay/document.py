@@ -52,7 +52,7 @@ class CrossPlay(JsonDocument):
 
     @property
     def played(self) -> list[EvaluationResult]:
-        """The scores there are, row by row."""
+        """The existing scores, row by row."""
         return [score for row in self.scores for score in row if score is not None]
 
     @property
@@ -80,7 +80,7 @@ class Comparison(BaseModel):
 
 
 def share_of(score: EvaluationResult, share: Share) -> Rate:
-    """That share with its interval."""
+    """The given share with its interval."""
     return score.win_rate if share == "win" else score.win_or_tie_rate
 
 

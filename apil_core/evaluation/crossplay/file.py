@@ -15,13 +15,13 @@ from apil_core.evaluation.results import EvaluationResult, MatchSetup
 
 
 class CrossPlayFile:
-    """One JSON document; written anew, and whole, with every pairing.
+    """One JSON document, rewritten atomically with every pairing.
 
     Args:
         path: created with the first pairing if it is not there.
 
     Raises:
-        ConfigError: no file can be written there, or it holds something else.
+        ConfigError: the file is not writable, or is no cross-play document.
     """
 
     def __init__(self, path: Path):

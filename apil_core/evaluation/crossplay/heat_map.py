@@ -30,7 +30,7 @@ def draw_crossplay(document: CrossPlay, path: Path) -> None:
     """Draw a document with at least one score, atomically; a file of that name is replaced.
 
     Args:
-        document: what was played; pairings that were not are left blank.
+        document: the scores; pairings without one are left blank.
         path: of the picture; see :data:`apil_core.common.charts.FORMATS`.
 
     Raises:
@@ -68,12 +68,12 @@ def _figure(document: CrossPlay) -> Figure:
 
 
 def draw_matrix(axis: Axes, document: CrossPlay, share: Share, ground: str = "white") -> None:
-    """One share of every pairing, with its interval; pairings that were not played are left blank.
+    """Draw one share of every pairing, with its interval; pairings that were not played are left blank.
 
     Args:
-        axis: where.
-        document: what was played.
-        share: which one.
+        axis: to draw on.
+        document: the scores.
+        share: the share to draw.
         ground: colour of the gaps between cells.
     """
     values = [
@@ -98,7 +98,7 @@ def draw_matrix(axis: Axes, document: CrossPlay, share: Share, ground: str = "wh
 
 
 def _colour_map() -> LinearSegmentedColormap:
-    """From the victim's colour by white to the adversary's, whose share it shows."""
+    """Colour map of the adversary's share: from the victim's colour over white to the adversary's."""
     white: Colour = (250, 250, 250)
     stops = [
         tuple(channel / 255 for channel in colour) for colour in (colours.VICTIM, white, colours.ADVERSARY)

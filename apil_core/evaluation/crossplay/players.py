@@ -1,4 +1,4 @@
-"""Loading all players before the first game: all fit the game, and all would play the same one."""
+"""Loading all players before the first game, and checking that all fit and play the same game."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def load_all(
 def in_game_of(runs: Sequence[RunConfig], options: PairingOptions) -> PairingOptions:
     """``options`` with the game of the first of these runs, and the plugins of all of them.
 
-    A game of a run's one-file plugin must be known to the policies it meets as well.
+    A game of a run's one-file plugin must be registered for its opponents as well.
     """
     env = options.env or next((config.env for config in runs), None)
     like = options.like or next((config for config in runs if config.env == env), None)

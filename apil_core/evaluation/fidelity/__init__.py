@@ -1,1 +1,1 @@
-"""Games beside their originals."""
+"""Comparison of games with their originals."""

@@ -1,7 +1,7 @@
-"""The rows of ``apil fidelity``: every matchup of every game, as it is and with one thing switched.
+"""The rows of ``apil fidelity``: every matchup of every game, at its defaults and with one option switched.
 
-Pure data in, pure data out: what can be switched is read from the game's option model and from the
-matchup itself, so a third party's game gets the same report.
+Pure data in, pure data out: the switchable options are read from the game's option model and the matchup,
+so third-party games get the same report.
 """
 
 from __future__ import annotations
@@ -57,13 +57,13 @@ class RowPlan(BaseModel):
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """Key among the rows; the number of games and the seed are no part of it."""
+        """Key among the rows, without the number of games and the seed."""
         options = tuple(sorted((key, repr(value)) for key, value in self.options.items()))
         return (self.env, self.adversary, self.victim, self.adversary_actions, self.victim_actions, options)
 
     @property
     def setting(self) -> str:
-        """``sampled/mode, solver Newton``: the adversary's and the victim's actions, and what is switched."""
+        """``sampled/mode, solver Newton``: the adversary's and the victim's actions, and switched options."""
         how = {"sample": "sampled", "mode": "mode"}
         parts = [f"{how[self.adversary_actions]}/{how[self.victim_actions]}"]
         parts += [f"{key} {value}" for key, value in self.options.items()]
@@ -76,7 +76,7 @@ class RowPlan(BaseModel):
 
 
 class SkippedMatchup(BaseModel):
-    """A matchup that cannot be played here, and why."""
+    """A matchup that cannot be played here, with the reason."""
 
     env: str
     adversary: str
@@ -91,7 +91,7 @@ class PlanRequest:
     Attributes:
         episodes: games per default and as-published row.
         switch_episodes: games per switch and variant.
-        switches: whether to play every single switch too.
+        switches: play every single switch too.
         variants: further settings, each a set of ``adversary_actions``, ``victim_actions`` and options of
             the game; played for every game that has all of these options.
         seed: of every row.
@@ -117,12 +117,12 @@ class Plan:
 
 
 def plan_rows(games: Iterable[GameSpec], request: PlanRequest, missing: Callable[[str], str | None]) -> Plan:
-    """Lay out the rows: defaults of all games, then as published, then switches, then variants.
+    """Plan the rows: defaults of all games, then as published, then switches, then variants.
 
     Args:
-        games: whose matchups are played.
-        request: how much of it.
-        missing: why a policy cannot be played here, by its name; ``None`` if it can.
+        games: with the matchups to play.
+        request: the user's.
+        missing: returns the reason why a policy cannot be played here, by its name; ``None`` if it can.
 
     Raises:
         ConfigError: a number below 1, or a variant that fits no game or that a game's options refuse.

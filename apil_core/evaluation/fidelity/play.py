@@ -1,7 +1,7 @@
-"""Measured scores of a game beside published ones.
+"""Comparison of a game's measured scores with published ones.
 
-A verdict here is a statement about noise: whether the difference of two shares could be chance. It is
-none about whether the physics, the rules or the published figure are right.
+A verdict concerns sampling noise only: whether the difference of two shares could be chance. It does not
+concern the correctness of the physics, the rules or the published figure.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _ASKED = {"adversary", "victim", "env", "episodes", "adversary_actions", "victim
 
 
 def missing_policy(plugins: PluginRegistry) -> Callable[[str], str | None]:
-    """A function from a policy's name to the reason why it cannot be played here, or ``None``."""
+    """Function from a policy's name to the reason why it cannot be played here, or ``None``."""
 
     def reason(name: str) -> str | None:
         try:

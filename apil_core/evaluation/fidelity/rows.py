@@ -1,4 +1,4 @@
-"""Finished rows of ``apil fidelity`` on disk: they are hours of work."""
+"""Finished rows of ``apil fidelity`` on disk, as they take hours to compute."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from apil_core.plugins.registry import load_policy
 
 
 class FidelityFile:
-    """One JSON object a line; written anew, and whole, with every row.
+    """One JSON object per line; rewritten atomically with every row.
 
     Args:
         path: created with the first row if it is not there.
 
     Raises:
-        ConfigError: no file can be written there, or a line is no row.
+        ConfigError: the file is not writable, or a line is no row.
     """
 
     def __init__(self, path: Path):
@@ -56,7 +56,7 @@ class FidelityFile:
         """Rows of ``plans`` that are in the file, by identity.
 
         Raises:
-            ConfigError: one of them was played with something else than what would be played now.
+            ConfigError: one of them was played with other settings than requested now.
         """
         here = {row.plan.identity: row for row in self.rows}
         found = {}
@@ -64,7 +64,7 @@ class FidelityFile:
             row = here.get(plan.identity)
             if row is not None:
                 self._check_same(plan, row, plugins)
-                # what was published may have been corrected since; the games stay what they were
+                # the published score may have been corrected since; the games are unchanged
                 found[plan.identity] = row.model_copy(update={"plan": plan})
         return found
 

@@ -22,13 +22,13 @@ _QUALITY = {"crf": "20"}
 def pace(seconds_per_step: float, speed: float, fps: float) -> tuple[int, Fraction]:
     """Steps per frame, and frames per second.
 
-    Steps are left out rather than frames repeated: at 0.015 s a step and 30 fps every other step is
-    shown, 33.3 to the second.
+    Steps are skipped rather than frames repeated: at 0.015 s a step and 30 fps every other step is
+    shown, 33.3 per second.
 
     Args:
         seconds_per_step: simulated time of a step, s.
         speed: 1 is real time, 0.5 slow motion.
-        fps: what the frame rate should be near to.
+        fps: desired frame rate, approximate.
     """
     shown = seconds_per_step / speed
     stride = max(1, round(1 / (fps * shown)))
@@ -39,7 +39,7 @@ def check_mp4(path: Path, width: int, height: int) -> None:
     """Check that a video can be written there.
 
     Raises:
-        ApilError: PyAV is missing, or path or size will not do.
+        ApilError: PyAV is missing, or path or size are unsuitable.
     """
     if _codec(need("av")) is None:
         raise ApilError("this build of PyAV has no H.264 encoder; its wheels have: pip install av")
@@ -50,7 +50,7 @@ def check_mp4(path: Path, width: int, height: int) -> None:
 
 
 class Mp4Writer:
-    """An H.264 video in an mp4 file, which is there once :meth:`close` was called.
+    """An H.264 video in an mp4 file, which exists after :meth:`close`.
 
     Args:
         path: of the file.
@@ -88,8 +88,8 @@ class Mp4Writer:
             self._part.replace(self.path)
 
     def discard(self) -> None:
-        """Leave nothing behind."""
-        with suppress(self._av.error.FFmpegError):  # what could not be written need not be finished
+        """Delete the partial file."""
+        with suppress(self._av.error.FFmpegError):  # a file that could not be written need not be finished
             self._container.close()
         self._part.unlink(missing_ok=True)
 

@@ -13,7 +13,7 @@ from apil_core.evaluation.video.single_game import Frame, Outcome, PlayedGame
 
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
-_DARK = (18, 22, 30, 205)  # ground of all text
+_DARK = (18, 22, 30, 205)  # background of all text
 _WHITE: Colour = (245, 246, 248)
 _GREY: Colour = (196, 201, 209)
 _VERDICTS = {"win": "adversary wins", "loss": "victim wins", "tie": "tie"}
@@ -87,13 +87,13 @@ def clock(picture: Image.Image, text: str) -> None:
 
 
 def banner(picture: Image.Image, ended: PlayedGame) -> None:
-    """Draw the outcome across the upper middle, where there is sky, in the winner's colour."""
+    """Draw the outcome across the upper middle, where the sky is, in the winner's colour."""
     ground = (*_GROUNDS[ended.outcome], 235)
     _label(picture, verdict(ended), (0.5, 0.1), ground, _WHITE, 1.5 * letter_size(picture))
 
 
 def letter_size(picture: Image.Image) -> float:
-    """Height of the letters that suits a picture, pixels."""
+    """Text height for a picture, pixels."""
     return max(8.0, picture.height / 26)
 
 

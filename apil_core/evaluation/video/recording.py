@@ -28,7 +28,7 @@ from apil_core.evaluation.video.viewers import (
 )
 
 TRIES = 100
-"""Games looked at for one that ends as wished, by default."""
+"""Default number of games tried for one with the wanted outcome."""
 
 FRAME_SIZE, SNAPSHOT_SIZE = (960, 540), (480, 320)
 """Default width and height of a video's frame and of a snapshot, pixels."""
@@ -53,7 +53,7 @@ class RenderOptions:
         contact_sheet: its file.
         width, height: of a frame and of a snapshot, pixels.
         speed: 1 is real time.
-        fps: what the video's frame rate should be near to.
+        fps: desired frame rate of the video, approximate.
     """
 
     seed: int = 0
@@ -80,7 +80,7 @@ class RenderOptions:
         """Check numbers, sizes and files before anything is played.
 
         Raises:
-            ApilError: one of them will not do.
+            ApilError: one of them is unsuitable.
         """
         if self.episodes is not None and self.episodes < 1:
             raise ConfigError(f"--episodes must be at least 1, got {self.episodes}")
@@ -124,7 +124,7 @@ def show(pairing: Pairing, options: RenderOptions, progress: Progress | None = N
     text = _text(pairing, options)
     single = SingleGames(pairing, options.seed)
     pairing.game.seed(0)
-    pairing.game.reset()  # so that there is something to try the cameras on
+    pairing.game.reset()  # so that the cameras have a state to draw
     games: list[PlayedGame] = []
     with one_torch_thread(), pairing.attribution():
         viewers = _viewers(pairing, options, text)
@@ -153,7 +153,7 @@ def show(pairing: Pairing, options: RenderOptions, progress: Progress | None = N
 def _chosen(
     single: SingleGames, options: RenderOptions, progress: Progress
 ) -> Iterator[tuple[int, PlayedGame | None]]:
-    """Numbers of the games to show, each with how it goes where that is known or a contact sheet needs it."""
+    """Numbers of the games to show, each with its outcome where that is known or a contact sheet needs it."""
     if options.until is None:
         for number in range(1, options.games + 1):
             yield number, None if options.snapshots is None else single.play(number)

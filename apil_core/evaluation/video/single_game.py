@@ -39,7 +39,7 @@ class Frame:
         number: of the game, from 1.
         step: control steps played; 0 before the first.
         seconds: of simulated time.
-        ended: how the game went, if this is its last frame.
+        ended: the game's outcome, if this is its last frame.
     """
 
     number: int
@@ -98,7 +98,7 @@ class SingleGames:
         return None
 
     def _rewind(self, seed: int) -> None:
-        """Let stochastic hooks draw the same again."""
+        """Reseed stochastic hooks, so that they repeat their draws."""
         for policy in (self.pairing.adversary, self.pairing.victim):
             if isinstance(policy, AdversaryPolicy):
                 policy.context.generator.manual_seed(

@@ -48,7 +48,7 @@ class Viewer(ABC):
     """Shows games, one after the other."""
 
     def begin(self, ahead: PlayedGame | None) -> None:  # noqa: B027  (optional)
-        """A game begins; ``ahead`` is how it will go, where it was played before."""
+        """A game starts; ``ahead`` is its outcome, if it was played before."""
 
     @abstractmethod
     def see(self, frame: Frame) -> None:
@@ -59,7 +59,7 @@ class Viewer(ABC):
         """All games have been shown."""
 
     def abandon(self) -> None:  # noqa: B027  (optional)
-        """Something went wrong: leave nothing behind."""
+        """Clean up after an error: delete partial files."""
 
 
 class VideoRecorder(Viewer):
@@ -101,7 +101,7 @@ class VideoRecorder(Viewer):
 
 
 class ContactSheet(Viewer):
-    """Takes evenly spread snapshots of every game, which must be known ahead.
+    """Takes evenly spread snapshots of every game, whose length must be known in advance.
 
     Args:
         path: of the picture.

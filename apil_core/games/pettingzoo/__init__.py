@@ -1,1 +1,1 @@
-"""PettingZoo ``ParallelEnv``s of others as games: ``pettingzoo:module:callable`` (docs/pettingzoo.md)."""
+"""Third-party PettingZoo ``ParallelEnv``s as games: ``pettingzoo:module:callable`` (docs/pettingzoo.md)."""

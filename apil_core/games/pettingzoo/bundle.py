@@ -1,7 +1,7 @@
-"""Several environments of one process as one Gymnasium ``Env``, which a vector environment can place.
+"""Several environments of one process as one Gymnasium ``Env``, for a vector environment.
 
-All that the games show is the bundle's observation, so that it travels through shared memory. Nothing
-here raises: what goes wrong in an environment is reported in ``info["failure"]``.
+All outputs of the games are in the bundle's observation, which uses shared memory. Nothing here raises:
+errors of an environment are reported in ``info["failure"]``.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ class Bundle(gymnasium.Env[Any, Any]):
     Args:
         maker: makes them.
         seats: of the two agents, in order.
-        games: how many.
-        index: which row of ``options["seeds"]`` is this bundle's.
+        games: number of environments.
+        index: this bundle's row of ``options["seeds"]``.
     """
 
     def __init__(self, maker: Maker, seats: tuple[Seat, Seat], games: int, index: int):
@@ -65,7 +65,7 @@ class Bundle(gymnasium.Env[Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Array], dict[str, Any]]:
-        """Start new games where ``options["seeds"][index]`` is not negative; the others go on."""
+        """Start new games where ``options["seeds"][index]`` is not negative; the others continue."""
         seeds = (options or {})["seeds"][self._index]
         return self._shown, self._tried(lambda: self._begin(np.flatnonzero(seeds >= 0), seeds))
 
@@ -126,9 +126,9 @@ class Bundle(gymnasium.Env[Any, Any]):
         }
         observations, rewards, terminations, truncations, infos = env.step(actions)
         for seat, rows in zip(seats, self._rows, strict=True):
-            if seat.agent in observations:  # else its last sight stays
+            if seat.agent in observations:  # else its last observation is kept
                 seat.columns.read(observations[seat.agent], rows[game])
-        # one agent out is the end of a game of two
+        # a two-player game ends when one agent is done
         if any(terminations.values()):
             self._shown["cause"][game] = TERMINATED
         elif any(truncations.values()):
@@ -139,7 +139,7 @@ class Bundle(gymnasium.Env[Any, Any]):
         return [rewards.get(seat.agent, 0.0) for seat in seats]
 
     def _see(self, games: Array, fine: Array) -> Array:
-        """Show what those ``games`` that are ``fine`` look like; returns which are, with finite numbers."""
+        """Write the observations of those ``games`` that are ``fine``; returns those with finite numbers."""
         flat = [seat.columns.flat(rows[games]) for seat, rows in zip(self._seats, self._rows, strict=True)]
         for rows in flat:
             fine = fine & np.isfinite(rows).all(axis=1)

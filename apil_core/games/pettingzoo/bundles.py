@@ -41,7 +41,7 @@ class Bundles:
 
         Returns:
             ``observation_0`` and ``observation_1``, (num_envs, size), of the games just started; the other
-            rows and arrays mean nothing. Valid until the next call.
+            rows and arrays are undefined. Valid until the next call.
         """
         return self._call("reset", options={"seeds": self._split(seeds, -1)})
 
@@ -67,7 +67,7 @@ class Bundles:
         vector, self._vector = self._vector, None
         if vector is None:
             return
-        if self._busy and isinstance(vector, AsyncVectorEnv):  # a worker is gone or does not answer
+        if self._busy and isinstance(vector, AsyncVectorEnv):  # a worker is dead or does not respond
             for process in vector.processes:
                 process.terminate()
                 process.join()

@@ -110,7 +110,7 @@ class PettingZooGame(Game):
         return step
 
     def state_dict(self) -> dict[str, Any]:
-        """See :class:`apil_core.Game`: the seeds of the games and what was done in them."""
+        """See :class:`apil_core.Game`: the seeds and actions of the games."""
         return {
             **self._history.state_dict(self._clock),
             "clock": self._clock.copy(),
@@ -121,10 +121,10 @@ class PettingZooGame(Game):
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """See :class:`apil_core.Game`: plays the games again up to where they were.
+        """See :class:`apil_core.Game`: replays the games up to the stored step.
 
         Raises:
-            PluginError: they come out differently, so the environment is no function of its seed.
+            PluginError: the replay differs, so the environment is not determined by its seed.
         """
         self._clock[...] = state["clock"]
         self._over[...] = state["over"]
@@ -163,7 +163,7 @@ class PettingZooGame(Game):
     # --- details
 
     def _look(self, maker: Maker) -> tuple[Seat, Seat]:
-        """Both seats, from an environment made for that and closed again."""
+        """Both seats, from a temporary environment."""
         env = maker.checked()
         try:
             self.seconds_per_step = 1 / float(env.metadata.get("render_fps") or 20)

@@ -29,11 +29,11 @@ class History:
         return bool((self.seeds < 0).all())
 
     def begin(self, mask: Array, seeds: Array) -> None:
-        """New games where ``mask``; what came before is overwritten."""
+        """Start new games where ``mask``; overwrites their history."""
         self.seeds[mask] = seeds[mask]
 
     def add(self, actions: tuple[Array, Array], clock: Array, playing: Array) -> None:
-        """Note the actions, (num_envs, …), of games that have played ``clock`` steps so far."""
+        """Record the actions, (num_envs, …), of games that have played ``clock`` steps so far."""
         if clock.max(initial=0, where=playing) >= len(self._actions[0]):
             self._actions = [np.concatenate([old, np.zeros_like(old)]) for old in self._actions]
         rows = np.flatnonzero(playing)
@@ -52,7 +52,7 @@ class History:
         return {"seeds": self.seeds.copy(), "actions": actions}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`state_dict` gave."""
+        """Restore the result of :meth:`state_dict`."""
         self.seeds[...] = state["seeds"]
         for side, dtype in enumerate(self._dtypes):
             given = state["actions"][str(side)]

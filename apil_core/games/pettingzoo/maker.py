@@ -1,4 +1,4 @@
-"""From ``module:callable`` to environments, in this process and in workers."""
+"""Construction of environments from ``module:callable``, in this process and in workers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Maker:
     Attributes:
         target: ``"module:callable"``.
         kwargs: of the callable.
-        file: where the module was loaded from; a worker that was not forked finds a one-file plugin so.
+        file: the module was loaded from, by which a worker that was not forked finds a one-file plugin.
     """
 
     target: str
@@ -35,7 +35,7 @@ class Maker:
 
     @classmethod
     def find(cls, target: str, kwargs: dict[str, Any]) -> Maker:
-        """Import the module and look the callable up.
+        """Import the module and find the callable.
 
         Raises:
             ConfigError: there is no such thing, or it is not callable.
@@ -66,7 +66,7 @@ class Maker:
         return tuple(_distributions().get(self.target.partition(".")[0].partition(":")[0], ()))
 
     def checked(self) -> ParallelEnv:
-        """A first environment, looked at more closely than the others.
+        """Create a first environment and check it.
 
         Raises:
             ConfigError: the callable fails, or gives no ``ParallelEnv`` of two agents.
@@ -98,6 +98,6 @@ def _distributions() -> Mapping[str, list[str]]:
 
 @contextmanager
 def prints_to_stderr() -> Iterator[None]:
-    """Libraries greet and environments chat; stdout is for results (``--json``)."""
+    """Redirect prints of libraries and environments: stdout is reserved for results (``--json``)."""
     with redirect_stdout(sys.stderr):
         yield

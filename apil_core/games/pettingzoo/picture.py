@@ -12,7 +12,7 @@ from apil_core.common.errors import ApilError
 
 
 def fitted(frame: Any, width: int, height: int) -> Array:
-    """``frame``, (any height, any width, 3 or 4) uint8, with bars where its shape does not fit.
+    """Scale ``frame``, (any height, any width, 3 or 4) uint8, with bars where its aspect ratio differs.
 
     Returns:
         (height, width, 3) uint8.

@@ -16,7 +16,7 @@ STEPS = 10
 
 
 def check_repeatable(env: ParallelEnv, seats: tuple[Seat, Seat]) -> None:
-    """Play the same short game twice.
+    """Play the same short game twice and compare.
 
     Raises:
         ConfigError: the two differ.

@@ -1,4 +1,4 @@
-"""Flat numbers on our side, an environment's spaces on the other."""
+"""Conversion between flat arrays and an environment's spaces."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Actions(ABC):
 
     @abstractmethod
     def native(self, actions: Array) -> Array:
-        """The environment's actions, (n, *shape), for ours, (n, size)."""
+        """The environment's actions, (n, *shape), from flat ones, (n, size)."""
 
     @abstractmethod
     def single(self, native: Array) -> Any:
@@ -91,7 +91,7 @@ class Scaled(Actions):
 
 
 class Columns:
-    """An observation space taken apart: an environment's observations as rows of numbers, checked and flat.
+    """A flattened observation space: an environment's observations as rows of numbers, checked and flat.
 
     A ``Discrete`` number takes one column of a row, and as many of the flat observation as it has values.
 
@@ -141,7 +141,7 @@ class Columns:
 
         Args:
             rows: as :meth:`read` fills them.
-            tried: check the range of other numbers than whole ones too.
+            tried: check the range of non-integer numbers too.
 
         Raises:
             ValueError: a number is outside its space.
@@ -153,7 +153,7 @@ class Columns:
                 row, column = np.argwhere(outside)[0]
                 leaf = self._leaves[np.searchsorted(self._ends, column, side="right") - 1]
                 raise self._outside(leaf, rows[row, column])
-        with np.errstate(over="ignore"):  # what does not fit becomes infinite, which ends the game
+        with np.errstate(over="ignore"):  # overflow becomes infinite, which ends the game
             if not len(self._hot):
                 return rows.astype(np.float32)
             flat = np.zeros((len(rows), self.size), np.float32)
@@ -204,13 +204,13 @@ def _bounds(space: Space[Any]) -> tuple[Array, Array, bool]:
 
 @dataclass(frozen=True)
 class Seat:
-    """One agent: what it sees and does.
+    """One agent: its observation and action.
 
     Attributes:
         agent: its name in the environment.
         space: of its observations.
-        columns: how they become flat.
-        actions: how its actions are made.
+        columns: flattening of its observations.
+        actions: conversion of its actions.
     """
 
     agent: str
@@ -220,10 +220,10 @@ class Seat:
 
     @classmethod
     def of(cls, agent: str, observation: Space[Any], action: Space[Any]) -> Seat:
-        """Look at an agent's spaces.
+        """Read an agent's spaces.
 
         Raises:
-            ConfigError: they are of a kind that cannot be a game's.
+            ConfigError: a space is of an unsupported type.
         """
         if not observation.is_np_flattenable:
             raise ConfigError(f"agent {agent!r}: observations of {observation} cannot be made flat")

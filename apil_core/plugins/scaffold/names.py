@@ -15,7 +15,7 @@ from apil_core.plugins.discovery import PluginRegistry
 Kind = Literal["method", "game", "victim"]
 
 LONGEST = 30
-"""Characters of a name, so that no line of the templates outgrows its width."""
+"""Maximum characters of a name, so that no line of the templates exceeds the line length."""
 
 _WORD = re.compile(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*")
 
@@ -120,7 +120,7 @@ def _check_offers(names: Names, plugins: PluginRegistry) -> None:
     }
     own: tuple[str, ...] = (names.kind, "plugin")
     if names.kind == "game":
-        own = (*own, "victim")  # a game brings a victim, under the same name
+        own = (*own, "victim")  # a game has a victim of the same name
     for kind in own:
         for name in taken[kind]:
             if name.replace("-", "_") == names.identifier:

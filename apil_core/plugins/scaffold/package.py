@@ -121,7 +121,7 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
         trim_blocks=True,
         lstrip_blocks=True,
-        # braces are common in what is written: Python, LaTeX, GitHub's ${{ … }}
+        # braces are common in the written files: Python, LaTeX, GitHub's ${{ … }}
         block_start_string="<%",
         block_end_string="%>",
         variable_start_string="<<",

@@ -1,1 +1,1 @@
-"""Victims of other people's making: one module per format, one convention for networks (docs/victims.md)."""
+"""Third-party victims: one module per format, one convention for networks (docs/victims.md)."""

@@ -34,7 +34,7 @@ def read_archive(origin: Origin, kind: str) -> dict[str, bytes]:
             content = [(entry.filename, archive.read(entry)) for entry in entries]
     except VictimError:
         raise
-    except Exception as error:  # zipfile raises half a dozen kinds for damaged files
+    except Exception as error:  # zipfile raises half a dozen exception types for damaged files
         raise origin.wrong(f"{kind}, a zip archive", f"a file that is none ({reason_of(error)})") from error
     folders = {name.partition("/")[0] for name, _ in content}
     inner = [PurePosixPath(name.partition("/")[2]) for name, _ in content]

@@ -127,7 +127,7 @@ class NetworkPolicy(Policy):
         self.info = replace(self.info, action_size=signature.action_size or self._action_size())
 
     def _action_size(self) -> int:
-        """By asking for two actions."""
+        """Infer it from two actions."""
         unstated = [name for name in self.signature.reads if name.startswith("opponent")]
         if unstated:
             raise VictimError(

@@ -12,7 +12,7 @@ _HERE = "apil_core.policies.foreign"
 
 @hookimpl
 def register_policies() -> list[PolicySpec]:
-    """Offer network files and Python callables, each ``<scheme>:<path or name>``."""
+    """Register network files and Python callables, each ``<scheme>:<path or name>``."""
     return [
         PolicySpec(
             "torchscript",

@@ -88,7 +88,7 @@ def _guarded(origin: Origin, what: str, call: Callable[[], Any]) -> Any:
 
 
 class UserPolicy(Policy):
-    """A policy of the user's, with a name, a hash, and its errors attributed to it."""
+    """A user's policy, with a name, a hash, and its errors attributed to it."""
 
     def __init__(self, policy: Policy, origin: Origin, seat: SideLayout | None):
         self._policy = policy

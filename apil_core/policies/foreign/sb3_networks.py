@@ -124,7 +124,7 @@ def _linear(info: PolicyInfo, weights: dict[str, Tensor], name: str, inputs: int
 
 
 class _Agent(Policy):
-    """An MLP; kinds differ in what becomes of its output."""
+    """An MLP; subclasses interpret its output."""
 
     def __init__(self, info: PolicyInfo, body: nn.Sequential):
         self.info = info
@@ -157,7 +157,7 @@ class _Agent(Policy):
 
 
 class GaussianAgent(_Agent):
-    """PPO's and A2C's actor: a Gaussian whose spread does not depend on the observation; ARS's has none."""
+    """PPO's and A2C's actor: a Gaussian with state-independent standard deviation; ARS's has none."""
 
     def __init__(self, info: PolicyInfo, body: nn.Sequential, log_std: Tensor | None):
         super().__init__(info, body)
@@ -176,10 +176,10 @@ class GaussianAgent(_Agent):
 
 
 class SquashedAgent(_Agent):
-    """SAC's, TQC's, TD3's, DDPG's and ARS's actor: ends in a tanh that is stretched to the action bounds.
+    """SAC's, TQC's, TD3's, DDPG's and ARS's actor: ends in a tanh that is scaled to the action bounds.
 
-    SAC and TQC draw before the tanh; the others have nothing to draw. Either way there is no Gaussian of the
-    action itself, so a decision carries no distribution.
+    SAC and TQC sample before the tanh; the others are deterministic. In both cases the action itself is not
+    Gaussian, so a decision has no distribution.
     """
 
     def __init__(self, info: PolicyInfo, body: nn.Sequential, log_std: nn.Linear | None):
@@ -204,10 +204,10 @@ class SquashedAgent(_Agent):
 
 
 class ScoresAgent(_Agent):
-    """An actor that chooses: its scores, of which the game takes the largest.
+    """An actor with discrete actions: scores, of which the game takes the largest.
 
-    PPO's and A2C's are logits, and what they draw is the largest after Gumbel noise; DQN, QR-DQN (the mean
-    of its quantiles) and ARS take the best.
+    PPO's and A2C's are logits, sampled by adding Gumbel noise; DQN, QR-DQN (the mean of its quantiles) and
+    ARS take the best.
     """
 
     def __init__(self, info: PolicyInfo, body: nn.Sequential, *, drawn: bool):

@@ -29,7 +29,7 @@ _MODEL = "models/model.json"
 _PAYLOADS = ("data/weights/model_weights_config.json", "data/constants/model_constants_config.json")
 _COPIED = ("archive_format", "archive_version")
 _DROPPED = ("metadata", "guards_code", "stack_trace")
-"""Keys that only tools for programmers read; one of them is code."""
+"""Keys that only debugging tools read; one of them is code."""
 
 _WORD = re.compile(r"[\w.+]*")
 _TARGET = re.compile(
@@ -109,7 +109,7 @@ def _harmless(key: str, value: str) -> bool:
         return _is_size(value)
     if key in ("in_spec", "out_spec"):
         return _is_nesting(value)
-    if key in ("name", "forward_arg_names"):  # they become names in generated Python
+    if key in ("name", "forward_arg_names"):  # these become names in generated Python
         return value == "" or (value.isidentifier() and not iskeyword(value) and not value.startswith("__"))
     hidden = any(part.startswith("__") for part in value.split("."))  # attributes of Python's own
     return _WORD.fullmatch(value) is not None and not hidden
@@ -180,7 +180,7 @@ def _payloads(origin: Origin, content: Mapping[str, bytes]) -> dict[str, bytes]:
 def _open(origin: Origin, archive: Any) -> torch.nn.Module:
     log = logging.getLogger("torch.export")
     level = log.level
-    log.setLevel(logging.CRITICAL)  # it prints tracebacks of what it then raises
+    log.setLevel(logging.CRITICAL)  # it prints tracebacks of exceptions it then raises
     try:
         return torch.export.load(archive).module(check_guards=False)
     except Exception as error:

@@ -34,7 +34,7 @@ def load(name: str, *, seat: SideLayout | None) -> Policy:
     """The network in that file; see :mod:`apil_core.policies.foreign.network` for what it takes and gives.
 
     Raises:
-        VictimError: there is no such file, it is no TorchScript archive, or its code reaches out.
+        VictimError: there is no such file, it is no TorchScript archive, or its code accesses files.
     """
     origin = Origin.of("torchscript", name)
     content = read_archive(origin, KIND)
@@ -72,7 +72,7 @@ def _open(origin: Origin, content: Mapping[str, bytes]) -> Any:
     try:
         archive = rebuilt(wanted, int(content.get("version", b"0")))
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # torch would rather have torch.export
+            warnings.simplefilter("ignore", DeprecationWarning)  # torch recommends torch.export
             return torch.jit.load(archive, map_location="cpu").eval()
     except Exception as error:
         raise origin.wrong(KIND, reason_of(error)) from error

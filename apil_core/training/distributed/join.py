@@ -1,4 +1,4 @@
-"""Joining torchrun's processes, and the error when another one is gone."""
+"""Joining torchrun's processes, and the error when another one has ended."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ TIMEOUT = timedelta(minutes=30)
 
 
 class ContactLostError(ApilError):
-    """Another process of the run is gone."""
+    """Another process of the run has ended."""
 
 
 @contextmanager
 def joined(device: str) -> Iterator[World]:
     """The world of this process, connected until the end of the block; within another such block, that one's.
 
-    Tensors on the CPU travel by gloo, those on a GPU by NCCL.
+    CPU tensors use gloo, GPU tensors NCCL.
 
     Args:
         device: of the networks.
@@ -46,7 +46,7 @@ def joined(device: str) -> Iterator[World]:
     with in_contact():
         _connect(world, device)
         yield world
-    # not after an error: the others would be waited for
+    # not after an error: it would wait for the others
     distributed.destroy_process_group()
 
 
@@ -66,10 +66,10 @@ def _connect(world: World, device: str) -> None:
 
 @contextmanager
 def in_contact() -> Iterator[None]:
-    """Turn what torch raises when another process is gone into one line.
+    """Turn torch's exceptions about an ended process into one line.
 
     Raises:
-        ContactLostError: an exchange with the others failed.
+        ContactLostError: a collective failed.
     """
     try:
         yield

@@ -35,7 +35,7 @@ def pooled(mean: Tensor, var: Tensor, count: Tensor) -> tuple[Tensor, Tensor, Te
 def pool(world: World, modules: Sequence[nn.Module]) -> None:
     """Give all :class:`RunningMoments` among ``modules`` the statistics of all processes; one exchange.
 
-    Observation normalisers among them take the new statistics up.
+    Observation normalisers among them use the new statistics afterwards.
     """
     moments = [module for module in modules if isinstance(module, RunningMoments)]
     for module, (mean, var, count) in zip(moments, _gathered(world, moments), strict=True):

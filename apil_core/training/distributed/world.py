@@ -48,7 +48,7 @@ class World:
         """As torchrun's environment variables have it; one process if there are none.
 
         Raises:
-            ConfigError: they make no sense.
+            ConfigError: they are inconsistent.
         """
         found = {key: os.environ[name] for key, name in _VARIABLES.items() if os.environ.get(name)}
         if "rank" not in found or "size" not in found:
@@ -145,7 +145,7 @@ class World:
         return values
 
     def wait(self) -> None:
-        """Go on when all have come here."""
+        """Wait until all processes have called this."""
         self.any(False)
 
     def broadcast(self, tensors: Sequence[Tensor]) -> None:

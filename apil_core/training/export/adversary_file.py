@@ -1,7 +1,7 @@
-"""A trained adversary in one safetensors file: weights, statistics and methods' state, and what it needs.
+"""A trained adversary in one safetensors file: weights, statistics, methods' state and requirements.
 
-Nothing in it is code. Loading builds the adversary from the plugins that are installed, so those of its
-method and of its observers must be among them.
+It contains no code. Loading builds the adversary from installed plugins, so those of its method and of its
+observers must be among them.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from apil_core.training.build import adversary_policy
 FORMAT = "apil-adversary-1"
 
 _ODD = (AttributeError, LookupError, RuntimeError, TypeError, ValueError)
-"""Errors caused by content of another shape than ours; too deep JSON is a RuntimeError."""
+"""Errors caused by content of unexpected structure; JSON nested too deeply is a RuntimeError."""
 
 _PARTS = ("groups", "builder", "methods", "observers", "learner")
 
@@ -45,7 +45,7 @@ def to_bytes(
         config: the run's.
         layout: of its game.
         side: the adversary's.
-        provenance: where it came from, for people.
+        provenance: origin, as text.
     """
     actor = {"ppo": {"actor_state_dict": state["learner"]["ppo"]["actor_state_dict"]}}
     tensors: dict[str, Tensor] = {}
@@ -91,12 +91,12 @@ def load_file(
 
     Args:
         origin: name, hash and path.
-        seat: it is wanted for.
-        plugins: must offer its method.
+        seat: of the policy.
+        plugins: registry with its method.
         device: of the networks.
 
     Raises:
-        VictimError: the file is damaged, or made for another seat; or no plugin offers its method.
+        VictimError: the file is damaged, or made for another seat; or no plugin has its method.
     """
     try:
         with safe_open(origin.path, framework="pt") as file:
@@ -135,11 +135,11 @@ def load_file(
 
 
 def _take_out(value: Any, place: str, tensors: dict[str, Tensor]) -> Any:
-    """``value`` as JSON, its tensors moved to ``tensors`` and named after their place."""
+    """``value`` as JSON, its tensors moved to ``tensors`` and named by their path."""
     if isinstance(value, Tensor):
         tensors[place] = value.detach().cpu().contiguous().clone()
         return {"tensor": place}
-    if isinstance(value, Mapping):  # keys need not be texts: optimisers count
+    if isinstance(value, Mapping):  # keys need not be strings: optimisers use integers
         pairs = [[key, _take_out(item, f"{place}.{key}", tensors)] for key, item in value.items()]
         return {"mapping": pairs}
     if isinstance(value, (list, tuple)):

@@ -48,7 +48,7 @@ class Exported:
     """An exported file.
 
     Attributes:
-        file: where it is.
+        file: its path.
         name: by which ``apil`` loads it.
         sha256: of the file.
         reads: inputs of the network, in order; empty for safetensors.
@@ -84,8 +84,8 @@ def export(
         force: replace the file if it exists.
 
     Raises:
-        ApilError: there is no such run, the file exists, the run cannot be expressed in that format, or what
-            was written does not act as the run does (then nothing is left behind).
+        ApilError: there is no such run, the file exists, the run cannot be expressed in that format, or the
+            file's actions differ from the run's (the file is then deleted).
     """
     path = run_path(run)
     if path is None:
@@ -99,7 +99,7 @@ def export(
     if out.exists() and not force:
         raise ConfigError(f"{out} exists already; choose another --out, or --force to replace it")
     if format == "onnx":
-        need("onnxruntime")  # each is tried in it
+        need("onnxruntime")  # used to compare the actions
     config = source.run_dir.config().model_copy(update={"device": "cpu"})
     plugins = plugins_with([*config.plugins, *plugin_files])
     config = completed(config, plugins)

@@ -29,7 +29,7 @@ SCHEME = "run:"
 def run_path(name: Path | str) -> Path | None:
     """The run's directory (or checkpoint) behind ``run:PATH`` or a bare directory; else ``None``.
 
-    A directory in which a victim was retrained is no run's.
+    A retraining's directory is not a run's.
     """
     text = str(name)
     if text.startswith(SCHEME):
@@ -99,7 +99,7 @@ class RunCheckpoint:
             provenance={"run": str(self.run_dir.path), "game": config.env, "side": seat.name},
             action_bounds=(seat.action_low, seat.action_high),
         )
-        # initial weights are drawn and thrown away; the caller's random stream must not move
+        # initial weights are drawn and discarded; the caller's random stream must not change
         with torch.random.fork_rng(devices=[]), fitting(self.path):
             policy = adversary_policy(state, info, config, layout, side, plugins, seed)
         return policy, int(state["steps"])

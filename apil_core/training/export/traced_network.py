@@ -28,7 +28,7 @@ _OUTPUTS = ("mean", "log_std")
 
 
 class _Whole(nn.Module):
-    """From what an adversary may look at to mean (n, a) and log standard deviation (a,)."""
+    """An adversary as a module: its inputs to mean (n, a) and log standard deviation (a,)."""
 
     def __init__(self, policy: AdversaryPolicy):
         super().__init__()
@@ -88,7 +88,7 @@ class Traced:
 
 
 def trace(policy: AdversaryPolicy, seat: SideLayout, view: View, provenance: Mapping[str, str]) -> Traced:
-    """Find out what an adversary reads, and wrap it so that it takes just that.
+    """Determine the inputs of an adversary, and wrap it to take only those.
 
     Args:
         policy: on the CPU.
@@ -138,7 +138,7 @@ def torchscript_bytes(traced: Traced) -> bytes:
 
 
 def _without_places(archive: io.BytesIO) -> bytes:
-    """The archive without the tracebacks in it: they name files of this machine, and nothing needs them."""
+    """The archive without its debug tracebacks, which name files of this machine."""
     with zipfile.ZipFile(archive) as read:
         content = {name.partition("/")[2]: read.read(name) for name in read.namelist()}
     version = int(content["version"])
@@ -201,7 +201,7 @@ def _untraceable(error: Exception) -> ApilError:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Silence torch's warnings and logs while it traces: users can do nothing about them."""
+    """Silence torch's warnings and logs while it traces, which users cannot act on."""
     loggers = [logging.getLogger(name) for name in ("torch.export", "torch.onnx", "onnxscript", "onnx_ir")]
     levels = [log.level for log in loggers]
     for log in loggers:

@@ -25,7 +25,7 @@ MAY_CHANGE = (
 """Sections of a config that may change on resume."""
 
 POLICY_KEYS = ("method", "env", "ppo", "options", "victim_side")
-"""Sections that decide what the adversary's networks look like and read."""
+"""Sections that determine the architecture and inputs of the adversary's networks."""
 
 
 FORMAT = 1
@@ -94,7 +94,7 @@ def check_same_run(state: dict[str, Any], config: RunConfig, plugins: PluginRegi
 
 
 def check_same_policy(state: dict[str, Any], config: RunConfig, plugins: PluginRegistry, path: Path) -> None:
-    """Compare what decides about the adversary's networks; observers need not be those of the training.
+    """Compare the sections that determine the adversary's networks; observers may differ from training.
 
     Raises:
         RunDirError: it differs; names the keys.
@@ -158,7 +158,7 @@ def check_same_world(state: dict[str, Any], world: World, path: Path) -> None:
 
 @contextmanager
 def fitting(path: Path) -> Iterator[None]:
-    """Turn what torch and plugins raise on foreign state into one line about ``path``.
+    """Turn exceptions of torch and plugins on mismatched state into one line about ``path``.
 
     Raises:
         RunDirError: the state does not fit.

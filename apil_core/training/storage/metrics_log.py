@@ -31,14 +31,14 @@ class Recorder(Protocol):
     """
 
     def record(self, metrics: Mapping[str, float]) -> None:
-        """Take in one row."""
+        """Record one row."""
 
     def close(self) -> None:
-        """Nothing follows."""
+        """Finish; no row follows."""
 
 
 def open_recorders(specs: Iterable[RecorderSpec], run_dir: Path) -> list[Recorder]:
-    """Recorders of a run; if one cannot begin, those before it are closed again."""
+    """Open the recorders of a run; if one fails, those before it are closed."""
     with ExitStack() as stack:
         opened: list[Recorder] = []
         for spec in specs:
@@ -86,7 +86,7 @@ class RowLog:
         self._failed = False
 
     def record(self, metrics: Mapping[str, float], steps: int) -> None:
-        """Take in one iteration and its number of environment steps; it stays pending if a recorder fails."""
+        """Add one iteration and its number of environment steps; it stays pending if a recorder fails."""
         self.pending.append({**metrics, "row_steps": steps})
         evaluated = any(name.startswith("evaluation/") for name in metrics)
         if evaluated or int(metrics["iteration"]) % self.every == 0:
@@ -102,7 +102,7 @@ class RowLog:
                 self._ask(recorder, summarize, scores)
 
     def close(self) -> None:
-        """Write what is pending, and close the recorders; what fails is noted and costs no result."""
+        """Write pending iterations, and close the recorders; failures are noted, and lose no result."""
         try:
             if self.pending and not self._failed:
                 self._write()
@@ -116,7 +116,7 @@ class RowLog:
 
     def _write(self) -> None:
         row = merged(self.pending)
-        self._failed = True  # some recorders may have the row by then: it is not for them to get twice
+        self._failed = True  # some recorders may have the row already: they must not get it twice
         for recorder in self.recorders.copy():
             self._ask(recorder, recorder.record, row)
         self._failed = False
@@ -133,7 +133,7 @@ class RowLog:
                 raise
             self.recorders.remove(recorder)
             self._tell_of(recorder, error, "; the run goes on without it")
-            with suppress(*FAILURES):  # it may well fail again
+            with suppress(*FAILURES):  # it may fail again
                 recorder.close()
 
     def _tell_of(self, recorder: Recorder, error: BaseException, consequence: str) -> None:

@@ -1,4 +1,4 @@
-"""Sinks for metrics: JSON lines (the record every other tool reads) and TensorBoard."""
+"""Sinks for metrics: JSON lines (read by all other tools) and TensorBoard."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class JsonlRecorder:
             raise RunDirError(f"cannot write {self.path}: {error.strerror}") from error
 
     def close(self) -> None:
-        """Close the file; closing twice is fine."""
+        """Close the file; may be called twice."""
         self._file.close()
 
 
@@ -71,7 +71,7 @@ class TensorBoardRecorder:
             self._writer.add_scalar(key, float(value), step)
 
     def close(self) -> None:
-        """Flush and close the event file; closing twice is fine."""
+        """Flush and close the event file; may be called twice."""
         if self._writer is not None:
             self._writer.close()
             self._writer = None

@@ -25,9 +25,9 @@ from apil_core.training.distributed.world import World
 
 DEFAULT_ROOT = Path("runs")
 BEST = "best"
-"""Name of the checkpoint that won most, wherever one is chosen."""
+"""Name for the checkpoint with the highest win rate, in options that choose one."""
 _TAIL = 1 << 18
-"""Bytes at the end of a log in which its newest row is looked for."""
+"""Bytes at the end of a log that are searched for its newest row."""
 
 _PACKAGES = ("apil", "torch", "mujoco", "numpy", "rsl-rl-lib", "gymnasium", "pettingzoo", "tensordict")
 
@@ -196,7 +196,7 @@ class RunDir:
 
     @contextmanager
     def lock(self) -> Iterator[None]:
-        """Hold the directory against other processes; a killed one lets go by itself.
+        """Lock the directory against other processes; a killed process releases it.
 
         Raises:
             RunDirError: another process is training here.
@@ -291,7 +291,7 @@ class RunDir:
                     int(row.get("steps", 0))
                     return row, damage
             except json.JSONDecodeError:
-                continue  # a line that a kill, or the tail's begin, cut short
+                continue  # a line cut short by a kill, or by the start of the tail
             except (ValueError, AttributeError, ArithmeticError, RecursionError):
                 pass
             damage = damage or f"{self.metrics_path}: damaged line"

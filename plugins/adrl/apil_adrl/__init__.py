@@ -1,4 +1,4 @@
-"""ADRL (Gleave et al. 2020): PPO on the adversary's raw reward. The baseline all others are read against."""
+"""ADRL (Gleave et al. 2020): PPO on the adversary's raw reward. The baseline of all others."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ APIL_HOOK_API = 2
 
 @hookimpl
 def register_methods() -> list[MethodSpec]:
-    """ADRL fills no hook: the core's PPO on r^α is the whole method."""
+    """ADRL implements no run hook: the core's PPO on r^α is the whole method."""
     return [
         MethodSpec(
             name="adrl",

@@ -11,7 +11,7 @@ APIL_HOOK_API = 2
 
 @hookimpl
 def register_methods() -> list[MethodSpec]:
-    """APIL, on top of APL; opens ``imitation_reward`` and ``imitation_streams``."""
+    """APIL, on top of APL; defines the hooks ``imitation_reward`` and ``imitation_streams``."""
     return [
         MethodSpec(
             name="apil",

@@ -75,7 +75,7 @@ class Critic(nn.Module):
         return {"critic": self.body.state_dict(), "value_optimizer": self.optimizer.state_dict()}
 
     def load_training_state(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`training_state` gave."""
+        """Restore the result of :meth:`training_state`."""
         self.body.load_state_dict(state["critic"])
         self.optimizer.load_state_dict(state["value_optimizer"])
 

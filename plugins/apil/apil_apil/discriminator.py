@@ -1,4 +1,4 @@
-"""The discriminator of GAIL: did the victim do this?"""
+"""The discriminator of GAIL, a classifier of the victim's and the imitator's actions."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ class Discriminator(nn.Module):
         """Descend the cross-entropy, label 1 for the victim; returns its mean, the penalty not included.
 
         Args:
-            victim: what the victim did.
-            imitator: what the imitator did, as many rows or fewer; with the same states (the very tensor)
+            victim: the victim's states and actions.
+            imitator: the imitator's, as many rows or fewer; with the same states (the same tensor object)
                 the state layer is evaluated once for both.
             passes: epochs and minibatches.
             generator: shuffles, and draws the points of the gradient penalty.
@@ -110,8 +110,8 @@ def _initialise(layers: Sequence[nn.Linear]) -> None:
 def imitation_loss(victim_logits: Tensor, imitator_logits: Tensor) -> Tensor:
     """Binary cross-entropy, label 1 for the victim, 0 for the imitator (docs/methods.md §2).
 
-    The paper prints min over D of the log-likelihoods, which moves the same way but has its optimum
-    at the bounds; descending the cross-entropy is what GAIL does (Ho & Ermon 2016, algorithm 1).
+    The paper states min over D of the log-likelihoods, whose gradients have the same direction but whose
+    optimum is at the bounds; GAIL minimises the cross-entropy (Ho & Ermon 2016, algorithm 1).
     """
     return F.softplus(-victim_logits).mean() + F.softplus(imitator_logits).mean()
 

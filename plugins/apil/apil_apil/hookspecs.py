@@ -1,4 +1,4 @@
-"""The hook APIL opens to methods that build on it."""
+"""The hooks APIL defines for methods that build on it."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ class Imitator(nn.Module):
         return distribution
 
     def open_stream(self, name: str, seed: int = 0) -> None:
-        """Make the critic of a reward stream if there is none yet, its weights drawn apart from all else."""
+        """Create a reward stream's critic if there is none, its weights from a separate random stream."""
         if name in self.stream_critics:
             return
         device = self.policy.log_std.device
@@ -204,7 +204,7 @@ class Imitator(nn.Module):
         }
 
     def load_training_state(self, state: dict[str, Any]) -> None:
-        """Restore what :meth:`training_state` gave."""
+        """Restore the result of :meth:`training_state`."""
         self.policy.load_state_dict(state["policy"])
         self.critic.load_training_state(state)
         if state["scale"] is not None:

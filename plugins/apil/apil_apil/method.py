@@ -1,4 +1,4 @@
-"""APIL's hooks: predict the victim, and train who predicts it (Bui et al. 2022; docs/methods.md §2)."""
+"""APIL's hooks: predict the victim's action, and train the imitator (Bui et al. 2022; docs/methods.md §2)."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ _ACCURACY_STEPS = 4
 """Steps for each one that D's accuracy is measured on: thousands of pairs are enough."""
 
 DEFAULT_CREDIT = {"shared": "step", "own": "return"}
-"""``imitator.credit`` where it is not given: only in games of its own does ã_t bring about what follows."""
+"""Default of ``imitator.credit``: only in the imitator's own games does ã_t affect later steps."""
 
 
 @dataclass
 class Games:
-    """A rollout as imitator and D read it.
+    """A rollout in the form read by imitator and D.
 
     Attributes:
         rollout: the games.
@@ -129,7 +129,7 @@ class Apil(Method):
             return None
         raw = self._state(rollout.victim_observation, rollout.observation)
         fresh = bool(self.normalizer.moments.count == 0)
-        if fresh:  # the first rollout was played without statistics
+        if fresh:  # the first rollout was collected without statistics
             self.normalizer.update(raw.flatten(0, 1))
         states = self.normalizer(raw)
         victim = Games(rollout, states, self._scored(states, rollout), rollout.victim_action)
@@ -184,7 +184,7 @@ class Apil(Method):
         """D's passes; returns metrics, and its logits of the imitator's actions that are paid for, (T, n)."""
         shared = own.states is victim.states
         some = slice(None, None, _ACCURACY_STEPS)
-        if shared:  # the states' share of D's work is done once
+        if shared:  # D's state layer is evaluated once
             told = self._logits(victim.scored[some], victim.actions[some], own.actions[some])
         else:
             told = self._logits(victim.scored[some], victim.actions[some])
@@ -254,14 +254,14 @@ class Apil(Method):
         policy. Own: further games with the imitator in the victim's seat.
         """
         if self.options.rollouts == "own":
-            # its first row was decided before the imitator's last update
+            # its first row was drawn before the imitator's last update
             played = run.collect(ImitatorPolicy(self), run.config.ppo.num_steps).after(1)
             states = self.normalizer(self._state(played.victim_observation, played.observation))
             return Games(played, states, self._scored(states, played), played.victim_action)
         if fresh or self.options.prediction_actions == "mode":
             actions = self._distribution(victim.states).sample(run.generator)
         else:
-            # the first row was drawn before the last update: draw it anew, from the present policy
+            # the first row was drawn before the last update: redraw it from the current policy
             actions = victim.rollout.groups[PREDICTION].clone()
             actions[0] = self._distribution(victim.states[0]).sample(run.generator)
         return replace(victim, actions=actions)

@@ -41,7 +41,7 @@ def prediction_quality(prediction: DiagonalGaussian, rollout: Rollout) -> dict[s
 
 
 def accuracy(victim_logits: Tensor, imitator_logits: Tensor) -> dict[str, float]:
-    """Share of each class that D classifies rightly (before its update), from its logits."""
+    """Accuracy of D per class (before its update), from its logits."""
     return {
         "discriminator_accuracy_victim": float((victim_logits > 0).to(torch.float32).mean()),
         "discriminator_accuracy_imitator": float((imitator_logits < 0).to(torch.float32).mean()),

@@ -1,4 +1,4 @@
-"""E-APIL (Bui et al. 2022): APIL whose imitator is also paid for the adversary doing badly."""
+"""E-APIL (Bui et al. 2022): APIL whose imitator is also rewarded for a low return of the adversary."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ APIL_HOOK_API = 2
 
 @hookimpl
 def register_methods() -> list[MethodSpec]:
-    """E-APIL: fills APIL's hook ``imitation_streams``."""
+    """E-APIL: implements APIL's hook ``imitation_streams``."""
     return [
         MethodSpec(
             name="e_apil",
