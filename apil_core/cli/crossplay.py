@@ -160,7 +160,7 @@ def print_crossplay(document: CrossPlay, out: Path | None = None, picture: Path 
 
 
 def _marks(document: CrossPlay) -> dict[tuple[str, str, str], str]:
-    """Cells whose difference is within noise, by share, adversary and victim."""
+    """Marks of cells whose difference is within noise, by share, adversary and victim."""
     from apil_core.evaluation.crossplay.document import comparisons
 
     marks: dict[tuple[str, str, str], list[str]] = {}

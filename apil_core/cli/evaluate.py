@@ -53,7 +53,7 @@ def evaluate(
 
 
 def _keeping(adversary: str, name: str) -> Path:
-    """Return the run's directory if a score of that name can be stored; checked before any game is played.
+    """Check that a score of that name can be stored, before any game is played; return the run directory.
 
     Raises:
         ConfigError: there is no run, the name is none, or taken.

@@ -67,7 +67,7 @@ def _artifacts(result: RunResult, progress: Progress, *, silent: bool) -> dict[s
 
 
 def _print_beside(own: EvaluationResult, made: RunArtifacts) -> None:
-    """Print the win rates of the adversary, the game's own opponent and the blinded adversary."""
+    """Print the wins of the adversary, of the game's own opponent, and against the blinded victim."""
     from apil_core.cli.output import console, table
 
     scores = {"this adversary": own}

@@ -38,7 +38,7 @@ class ConsoleProgress(Progress):
 
     @staticmethod
     def headline(config: RunConfig, run_dir: Path, victim: str, steps_done: int) -> str:
-        """Return the first line: the run's subject and its directory."""
+        """Return the first line: the run's method, victim, game, seed, batch size and directory."""
         resumed = f", continued at {steps_done:,} steps" if steps_done else ""
         batch = f"{config.num_envs} games × {config.ppo.num_steps} steps"
         processes = World.here().size

@@ -16,7 +16,7 @@ AUTO, BASELINE, ORIGINAL = "auto", "baseline", "original"
 
 
 def labelled(names: Sequence[str], labels: Sequence[str] | None, env: str | None, *, side: str) -> Names:
-    """Names by label; the default ones are a run's method, and the part that a game's own policy plays.
+    """Names by label; a label defaults to the run's method, or ``original`` or ``baseline``.
 
     Args:
         names: runs or policy names.

@@ -115,7 +115,7 @@ class Standing:
 
 
 def standings(blocks: Sequence[Block]) -> list[Standing]:
-    """Results in order; Stable-Baselines3 is represented by the fastest of its vectorisations."""
+    """Results in order; ratios refer to the fastest of Stable-Baselines3's vectorisations."""
     reference = sb3_reference(blocks)
     return [_standing(name, blocks, reference) for name in dict.fromkeys(b.contestant for b in blocks)]
 

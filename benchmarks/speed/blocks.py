@@ -29,7 +29,7 @@ class Block:
 
 @dataclass
 class Lap:
-    """Work of a method's training in a round, outside its blocks.
+    """Further measurements of a method's training in a round.
 
     Attributes:
         seconds: of the whole iteration.

@@ -86,7 +86,7 @@ def _placed(warnings: Sequence[Warning], settings: Sequence[Setting]) -> list[Wa
 
 
 def _games(sources: Sources) -> list[str]:
-    """Sort games in the paper's order, others last."""
+    """Games in the paper's order, others last."""
     found = sources.games
     return [g for g in published().games if g in found] + [g for g in found if g not in published().games]
 

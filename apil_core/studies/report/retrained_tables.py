@@ -151,7 +151,7 @@ def retrained_tables(
 
 
 def _belongs(entry: _Entry, block: Block) -> bool:
-    """Put the original victim beside all retrained ones that met the same adversaries in the same way."""
+    """Return whether a score belongs to a block; the original victim's fits every block of equal settings."""
     own = entry.block
     if entry.column == BASELINE and own.steps in (None, block.steps):
         return own[2:6] == block[2:6]

@@ -75,7 +75,7 @@ class Key:
 
 
 def key_of(run: Run, score: EvaluationResult | None) -> Key:
-    """Key of a run's score; of its own future score, if it has none yet."""
+    """Key of a score of a run; without one, of the score the run itself would make."""
     config = run.config
     if score is None:
         actions = (config.evaluation.adversary_actions, config.evaluation.victim_actions)

@@ -28,7 +28,7 @@ class Noise(Method):
 
 
 def what_moves_it(config: RunConfig) -> str | None:
-    """A setting that would change the policy and its required value; or ``None``."""
+    """Describe a setting that would change the policy, with its required value; else ``None``."""
     if config.ppo.entropy_coefficient:
         return f"ppo.entropy_coefficient must be 0, got {config.ppo.entropy_coefficient:g}"
     if config.ppo.optimizer != "adam":

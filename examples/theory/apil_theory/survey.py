@@ -46,7 +46,7 @@ class Looseness:
 
 @dataclass(frozen=True)
 class _Scene:
-    """A game, its players, and the players after their change."""
+    """A game, both players, and both after their change."""
 
     game: TabularGame
     victim: np.ndarray
