@@ -65,8 +65,8 @@ def warm_start(trainer: Trainer, teacher: Policy) -> None:
     """Clone the teacher into the adversary and fit its critic, in ``init_steps`` of the budget.
 
     Args:
-        trainer: of a run that has not begun.
-        teacher: as :func:`load_teacher` gave it.
+        trainer: of a run that has not started.
+        teacher: from :func:`load_teacher`.
     """
     steps, begin = trainer.config.init_steps, time.perf_counter()
     cloning = _Cloning(trainer, teacher)
@@ -79,7 +79,7 @@ def warm_start(trainer: Trainer, teacher: Policy) -> None:
 
 
 def beside_teacher(trainer: Trainer, teacher: Policy, progress: Progress) -> str:
-    """Scores of the clone and its teacher in the same games, in one line."""
+    """Score the clone and its teacher in the same games; return one line."""
     episodes = trainer.config.evaluation.periodic_episodes
     seed = stream_seed(trainer.config.seed, "evaluation during training")
     clone = score_in_training(trainer, episodes, progress, seed=seed)

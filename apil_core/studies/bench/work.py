@@ -153,7 +153,7 @@ class _Worker:
         seed: int,
         config: RunConfig | None = None,
     ) -> None:
-        """Play and store scores; ``config`` resolves policy names."""
+        """Play and store scores; ``config`` has the game and settings where ``adversary`` is no run."""
         from apil_core.evaluation.options import EvaluationOptions
         from apil_core.evaluation.score import evaluate
 

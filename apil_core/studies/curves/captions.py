@@ -16,7 +16,7 @@ class Wording:
 
     Attributes:
         title: the settings they share.
-        explanation: how to read the picture, in lines.
+        explanation: of the figure, in lines.
         player: the side whose shares of games are drawn.
     """
 
@@ -31,7 +31,7 @@ class Wording:
 
 
 def legend(group: CurveGroup) -> str:
-    """Labels that distinguish the groups."""
+    """Legend label of a group, with the number of seeds if it has several."""
     count = len(group.curves)
     return group.label if count == 1 else f"{group.label}, {count} seeds"
 

@@ -191,7 +191,7 @@ def _together(verdicts: Sequence[Truth]) -> Truth:
 
 
 def _short(setting: Setting) -> str:
-    """The reason why the budget is not the published one, or ``""``."""
+    """Describe how the budget falls short of the published one; ``""`` if it does not."""
     marks = dict.fromkeys([setting.budget, budget_mark(setting.steps, published().adversary_steps)])
     return " and ".join(filter(None, marks)) or ("an unknown budget" if setting.steps is None else "")
 

@@ -25,7 +25,7 @@ Ends = tuple[float, float, float]
 def aggregate_dots(
     aggregates: Sequence[Aggregate], found: Mapping[str, Pen], settings: Mapping[str, str]
 ) -> list[Plot]:
-    """Interquartile means: one figure for each setting and metric, a row for each method."""
+    """Make one figure of interquartile means for each setting and metric, a row for each method."""
     groups: dict[tuple[str, str], list[Aggregate]] = {}
     for aggregate in aggregates:
         groups.setdefault((aggregate.setting, aggregate.metric), []).append(aggregate)
