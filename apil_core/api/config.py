@@ -23,10 +23,10 @@ class Absent:
 
 
 def absent(value: Any) -> Absent:
-    """Annotate a key that was added to a released model, where its default is not what was done before.
+    """Annotate a key added to a released model whose default differs from the earlier behaviour.
 
     ``key: Annotated[int | None, absent(None)] = 4``: new configs get 4, a stored one without the key means
-    null. Keys without this mark mean their default, then as now. Sections inside sections are looked into,
+    null. Absent keys without this mark mean their default. Sections inside sections are searched,
     sections in lists and dicts are not.
     """
     return Absent(value)
@@ -157,7 +157,7 @@ class CheckpointConfig(Section):
 
 
 class RunConfig(Section):
-    """Everything that decides a run's outcome. Equal configs on one machine give equal weights."""
+    """All settings that determine a run's outcome. Equal configs on one machine give equal weights."""
 
     version: int = SCHEMA_VERSION
     """Version of this schema."""
@@ -182,7 +182,7 @@ class RunConfig(Section):
     threads: Annotated[int, Field(ge=0)] = 0
     """Threads of physics, and of the update (two at most); 0: all CPUs. Never changes results."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
-    """Seed of everything random."""
+    """Seed of all random numbers."""
     device: str = "cpu"
     """Device of the networks: cpu, cuda or cuda:N (physics is always on the CPU)."""
     reward: RewardConfig = RewardConfig()
@@ -198,7 +198,7 @@ class RunConfig(Section):
     log_rows: Annotated[int, Field(gt=0)] = 10_000
     """Rows of metrics at most, evaluations aside: a run of more iterations merges several into each row."""
     observers: tuple[str, ...] = ()
-    """Observers, and plugins with run hooks of their own, that are switched on, in this order."""
+    """Observers, and plugins with their own run hooks, that are switched on, in this order."""
     plugins: tuple[str, ...] = ()
     """One-file plugins (paths) to load before anything else."""
     init_from: Annotated[str, BeforeValidator(_path_text)] | None = None

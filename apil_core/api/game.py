@@ -149,7 +149,7 @@ class Game(ABC):
     def observations(self) -> tuple[Array, Array]:
         """Current observations of side 0 and 1, each (num_envs, observation_size) float32.
 
-        The arrays handed out before a call of :meth:`step` keep their content until the call
+        The arrays returned before a call of :meth:`step` keep their content until the call
         after it, so that a transition needs no copy (two buffers in turn will do).
         """
 
@@ -208,7 +208,7 @@ class Game(ABC):
 
 
 class PhysicsStopwatch(ABC):
-    """Record of the start state of every physics call of a game; replays the same calls alone and times them.
+    """Stopwatch of a game's physics: records the start state of every physics call and times replays.
 
     A rate means little on a machine that is never idle; a ratio to the same work, seconds apart, does.
     """

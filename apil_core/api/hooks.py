@@ -70,5 +70,5 @@ def hookspec(
 
 
 def life_of(spec: Any) -> HookLife:
-    """Of a function marked with :func:`hookspec`."""
+    """Lifetime of a function marked with :func:`hookspec`."""
     return getattr(spec, "apil_life", HookLife(1))

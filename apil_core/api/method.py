@@ -73,7 +73,7 @@ class RunPlugin:
 class Method(RunPlugin):
     """Base of every attack method.
 
-    The same object without a run serves evaluation, so ``extend_observation`` may use nothing but what
+    The same object without a run is used in evaluation, so ``extend_observation`` may use only what
     is built in ``__init__``.
     """
 
@@ -86,7 +86,7 @@ class Observer(RunPlugin):
 
 
 class Run(Protocol):
-    """The run as hooks see it.
+    """The run's interface for hooks.
 
     Attributes:
         config: the resolved configuration.
@@ -120,5 +120,5 @@ class Run(Protocol):
 
     def collect(self, victim_side_policy: Policy, steps: int) -> Rollout:
         """Play ``steps`` vectorised steps in a second set of games, the current adversary against the
-        given policy in the victim's seat. Counted in the budget; nothing of it reaches PPO."""
+        given policy in the victim's seat. Counted in the budget; not used by PPO."""
         ...

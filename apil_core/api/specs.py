@@ -143,7 +143,7 @@ class GameSpec:
         rewards: default weights of the training reward.
         config: ``"module:Model"``, the pydantic model of the game's options, or ``None``.
         family: ``name`` is a scheme: every ``<name>:<target>`` is a game, with this spec and that target.
-        target: handed to the factory as ``target=`` if not empty: which of a family this game is.
+        target: passed to the factory as ``target=`` if not empty: selects one game of a family.
         matchups: what ``apil fidelity`` plays.
         interchangeable_sides: both sides have the same observations and actions; an agent can play either.
     """

@@ -1,4 +1,4 @@
-"""The tensors that travel between games, policies and hooks. ``n`` is ``num_envs``, ``T`` the rollout length.
+"""Tensors exchanged between games, policies and hooks. ``n`` is ``num_envs``, ``T`` the rollout length.
 
 ``α`` is the adversary (trained), ``ν`` the victim (frozen), as in the papers.
 """
@@ -22,7 +22,7 @@ OWN_GROUP = "own"
 """Name of the adversary's own observation among the observation groups."""
 
 PRIVILEGED_GROUP = "privileged"
-"""Name of the group that only critics are given: they are not needed once the adversary plays."""
+"""Name of the observation group for critics only, which are not needed after training."""
 
 
 @dataclass
@@ -116,7 +116,7 @@ class Decision:
 
 @dataclass
 class StepBatch:
-    """One step of all games as hooks see it. Valid during the hook call only; do not modify.
+    """One step of all games, for hooks. Valid during the hook call only; do not modify.
 
     Attributes:
         observation: the adversary's observation s^α_t, after filters, shape (n, o).

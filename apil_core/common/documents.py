@@ -16,7 +16,7 @@ EXACT = ConfigDict(ser_json_inf_nan="constants")
 
 
 def plain(model: BaseModel) -> dict[str, Any]:
-    """A model as JSON has it, infinite numbers in models of other people's too."""
+    """A model as JSON values, with infinite numbers also in third-party models."""
     content: dict[str, Any] = to_jsonable_python(model.model_dump())
     return content
 
@@ -40,7 +40,7 @@ class JsonDocument(BaseModel):
         """Write it as JSON, whole or not at all.
 
         Raises:
-            RunDirError: the file cannot be written; what was there before is untouched.
+            RunDirError: the file cannot be written; an existing one is unchanged.
         """
         text = self.model_dump_json(indent=1)
         write_atomically(path, lambda file: file.write(text.encode()))

@@ -24,11 +24,11 @@ class UnknownNameError(ApilError):
 
 
 class PluginError(ApilError):
-    """A plugin is broken; the message carries its name."""
+    """A plugin is broken; the message names it."""
 
 
 class VictimError(ApilError):
-    """A victim's weights are missing, damaged or not what they claim to be."""
+    """A victim's weights are missing, damaged or not the expected ones."""
 
 
 class RunDirError(ApilError):

@@ -21,7 +21,7 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     """Call ``write(file)`` on a temporary file beside ``path``, fsync it, and rename it to ``path``.
 
     Raises:
-        RunDirError: the directory cannot be written (full, read-only, gone).
+        RunDirError: the directory cannot be written (full, read-only, missing).
     """
     temporary = path.with_name(f".{path.name}.tmp")
     try:
@@ -87,10 +87,10 @@ def check_place(path: Path) -> None:
 
 
 def check_free(path: Path, *, force: bool = False) -> None:
-    """Whether nothing is there that would be replaced.
+    """Check that writing would not replace an existing file.
 
     Raises:
-        ConfigError: something is, without ``force``.
+        ConfigError: the path exists, and ``force`` is false.
     """
     if path.exists() and not force:
         raise ConfigError(f"{path} exists already; choose another name, or --force to replace it")

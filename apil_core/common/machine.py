@@ -7,7 +7,7 @@ import os
 import psutil
 
 MEGABYTE = 1_000_000
-"""Bytes."""
+"""In bytes."""
 
 
 def resident_mb() -> float:

@@ -13,7 +13,7 @@ import torch
 def stream_seed(seed: int, stream: str) -> int:
     """Seed of the named stream of ``seed``; streams of different names never coincide in practice.
 
-    Plain ``seed + 1`` and the like would: two generators with one seed give the same numbers, and
+    Plain ``seed + 1`` etc. would: two generators with one seed give the same numbers, and
     noise in one place becomes an oracle of the other.
     """
     entropy = np.random.SeedSequence([seed, zlib.crc32(stream.encode())])

@@ -35,7 +35,7 @@ def side_by_side(
     """Results of two functions without shared mutable state, run in parallel or one after the other.
 
     torch releases the GIL in its operators, so two threads use two cores. Random numbers that either
-    needs are drawn beforehand, or from a generator of its own.
+    needs are drawn beforehand, or from its own generator.
 
     Args:
         first: run in a thread of its own if ``apart``; if both fail, its error is raised, as in turn.

@@ -137,7 +137,7 @@ def complete(config: RunConfig, plugins: PluginRegistry) -> RunConfig:
 
 
 def load_resolved(path: Path) -> RunConfig:
-    """A config stored with a run, as it was; plugins' options are not checked again.
+    """Load a run's stored config unchanged; plugins' options are not checked again.
 
     Keys added since, the core's and installed plugins', get the value their absence meant then.
 

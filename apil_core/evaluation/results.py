@@ -103,7 +103,7 @@ def told(score: _Score, config: RunConfig) -> _Score:
 
 
 def in_words(observers: Observers) -> list[str]:
-    """One text for each, e.g. ``masked_observation (way=mean, share=0.5)``."""
+    """One string per observer, e.g. ``masked_observation (way=mean, share=0.5)``."""
     return [
         f"{name} ({', '.join(f'{key}={value}' for key, value in options.items())})" if options else name
         for name, options in observers.items()

@@ -98,7 +98,7 @@ def evaluate(
         progress: called as games end.
         changes: single options, over ``options``: ``episodes`` (1000), ``seed`` (0), ``env``, ``victim``,
             ``victim_actions``, ``game_options``, ``num_envs`` (part of what a seed means; default 128 or
-            ``episodes``) and the like. ``blind`` hides the opponent from the adversary (``"zeros"``, or
+            ``episodes``) etc. ``blind`` hides the opponent from the adversary (``"zeros"``, or
             ``"initial"``, the mean of many starting states), ``blind_imitator`` from its methods too;
             ``blind_victim`` hides the adversary from the victim: the remaining wins do not depend on the
             victim's observation of its adversary.

@@ -234,7 +234,7 @@ def _ask(record: PluginRecord, plugin: Any) -> dict[str, dict[str, Any]]:
         offers[kind] = {}
         answers = getattr(manager.hook, hook)()
         if not answers and getattr(manager.hook, hook).get_hookimpls():
-            answers = [None]  # None: ignored by pluggy
+            answers = [None]  # pluggy drops None from the results
         for answer in answers:
             if not isinstance(answer, Iterable):
                 wanted = f"{hook} must return a list of {spec_type.__name__}"
@@ -266,7 +266,7 @@ def discover(files: Sequence[str | Path] = (), *, forgiving: bool = False) -> Pl
 
     Args:
         files: paths of one-file plugins (``--plugin FILE.py``); a missing file raises ``PluginError``,
-            since the user asked for that very file.
+            since the user named that file.
         forgiving: record missing files like any other broken plugin instead.
     """
     registry = PluginRegistry()

@@ -123,7 +123,7 @@ class RunHookManager:
             by: the plugin that returned it, where that is known.
 
         Raises:
-            PluginError: it is not; the message names ``by``, or who fills ``hook``.
+            PluginError: it is not; the message names ``by``, or the plugins that implement ``hook``.
         """
         import torch
 

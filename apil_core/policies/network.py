@@ -80,8 +80,8 @@ class Standardizer(nn.Module):
 class PolicyNetwork(nn.Module):
     """Standardised observation → ReLU layer and LSTM (or neither) → tanh layers → linear output.
 
-    Weights are drawn anew; :meth:`of` takes given ones. With gates ``[i f g o] = W_x x + W_h h + b`` the
-    LSTM's state becomes ``c' = σ(f) c + σ(i) tanh(g)``, ``h' = σ(o) tanh(c')``.
+    Weights are initialised randomly, or given to :meth:`of`. With gates ``[i f g o] = W_x x + W_h h + b``
+    the LSTM's state becomes ``c' = σ(f) c + σ(i) tanh(g)``, ``h' = σ(o) tanh(c')``.
     """
 
     def __init__(self, shape: NetworkShape):

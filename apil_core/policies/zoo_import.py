@@ -121,7 +121,7 @@ def convert(entry: ZooEntry, data: bytes, source: str) -> tuple[dict[str, Vector
 
 
 def _vector_bytes(data: bytes, source: str, length: int) -> bytes:
-    """The one string of bytes in the pickle that such a vector fills; nothing is unpickled."""
+    """The only byte string in the pickle of such a vector's size; nothing is unpickled."""
     try:
         strings = [argument for _, argument, _ in pickletools.genops(data) if isinstance(argument, bytes)]
     except ValueError as error:

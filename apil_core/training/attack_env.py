@@ -120,7 +120,7 @@ class AttackEnv:
             for name in ("shaped", "adversary", "victim")
         }
         self.privileged: ObservationNormalizer | None = None
-        """Of the victim's observation, for critics that are given it."""
+        """Normaliser of the victim's observation, for critics that read it."""
         if learning and config.ppo.critic_observes == "both":
             width, clip = game.layout.sides[1 - adversary_side].observation_size, config.ppo.observation_clip
             self.privileged = ObservationNormalizer(width, clip).to(self.device)
@@ -152,7 +152,7 @@ class AttackEnv:
 
     @torch.inference_mode()
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
-        """Play one step of every game; ended games start anew.
+        """Play one step of every game; ended games are reset.
 
         Args:
             actions: of the adversary, shape (num_envs, num_actions).

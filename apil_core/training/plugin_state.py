@@ -68,7 +68,7 @@ def load_states(plugins: Mapping[str, RunPlugin], states: Mapping[str, dict[str,
 
 
 def load_known_states(plugins: Mapping[str, RunPlugin], states: Mapping[str, dict[str, Any]]) -> None:
-    """:func:`load_states` for those that have a state there; the others stay as they were built."""
+    """:func:`load_states` for plugins with a stored state; the others keep their initial state."""
     load_states({name: plugin for name, plugin in plugins.items() if name in states}, states)
 
 

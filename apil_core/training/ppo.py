@@ -225,7 +225,7 @@ class Learner:
         return result
 
     def _values(self, last: TensorDict) -> tuple[Tensor, Tensor]:
-        """Of the rollout's observations, (T, n, 1), and of the last ones, (n, 1)."""
+        """Values of the rollout's observations, (T, n, 1), and of the last ones, (n, 1)."""
         return self.ppo.critic(self.storage.observations), self.ppo.critic(last)
 
     def _present(self, observations: TensorDict) -> DiagonalGaussian:

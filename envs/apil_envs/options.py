@@ -51,7 +51,7 @@ class PhysicsOptions(ProfiledOptions):
     profiles: ClassVar[Mapping[str, PhysicsProfile]] = {"faithful": _FAITHFUL, "fast": _FAST}
 
     inertia: InertiaRule = "legacy"
-    """Capsules weighed as in MuJoCo 1.31 (legacy) or as today (modern)."""
+    """Mass of capsules as in MuJoCo 1.31 (legacy) or as today (modern)."""
     solver: Solver | None = None
     """Constraint solver; null: as the profile says."""
     integrator: Integrator | None = None
@@ -85,7 +85,7 @@ class SumoOptions(PhysicsOptions):
     """Options of sumo-humans and sumo-ants."""
 
     auto_contact: bool = False
-    """Count the two as having touched from the start; off: who loses before any touch gives a tie."""
+    """Count the two as having touched from the start; off: a loss before any touch is a tie."""
     untouched_reward: float = 0.0
     """Sparse reward of a side whose opponent lost before any touch; APL's code trains ants with -1000."""
 

@@ -1,4 +1,4 @@
-"""Run-to-goal: two runners start face to face; who first crosses the line behind the other wins."""
+"""Run-to-goal: two runners start face to face; the first across the line behind the other wins."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sumo: two humanoids or two ants on a round platform; who falls or leaves the ring loses."""
+"""Sumo: two humanoids or two ants on a round platform; the first to fall or leave the ring loses."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ class RenderOptions:
 
 
 class PlayResult(MatchSetup):
-    """Players and outcomes. ``wins`` and the like are the adversary's."""
+    """Players and outcomes. ``wins`` etc. are the adversary's."""
 
     wins: int
     ties: int

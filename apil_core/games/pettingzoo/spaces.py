@@ -238,7 +238,7 @@ class Seat:
 
     @property
     def size(self) -> int:
-        """Of the flat observation."""
+        """Size of the flat observation."""
         return self.columns.size
 
     def layout(self, opponent_channels: tuple[int, ...]) -> SideLayout:

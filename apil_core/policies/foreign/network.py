@@ -190,7 +190,7 @@ class NetworkPolicy(Policy):
             answer = self._call(inputs)
         except ApilError:
             raise
-        except FAILURES as error:  # whatever the network's runtime raises
+        except FAILURES as error:  # any exception of the network's runtime
             raise VictimError(f"{self.info.name} fails on inputs {shapes}: {reason_of(error)}") from error
         refuse_values(self.info.name, getattr(answer, "_fields", ()))
         outputs = [answer] if isinstance(answer, Tensor) else answer

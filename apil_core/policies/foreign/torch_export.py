@@ -111,7 +111,7 @@ def _harmless(key: str, value: str) -> bool:
         return _is_nesting(value)
     if key in ("name", "forward_arg_names"):  # these become names in generated Python
         return value == "" or (value.isidentifier() and not iskeyword(value) and not value.startswith("__"))
-    hidden = any(part.startswith("__") for part in value.split("."))  # attributes of Python's own
+    hidden = any(part.startswith("__") for part in value.split("."))  # Python's special attributes
     return _WORD.fullmatch(value) is not None and not hidden
 
 

@@ -63,7 +63,7 @@ class RunCheckpoint:
         path = path.expanduser()
         if path.suffix != ".pt":
             run_dir = RunDir(path)
-            run_dir.config()  # its error is the better one where there is no run at all
+            run_dir.config()  # its error is clearer where there is no run
             return cls(run_dir, run_dir.checkpoint(checkpoint_path).absolute())
         if not path.is_file():
             raise RunDirError(

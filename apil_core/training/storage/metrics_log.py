@@ -154,7 +154,7 @@ def merged(rows: Sequence[Row]) -> Row:
     ``window_*``, ``opponent/*``, ``*_total``, evaluations) is the last one's. All else is a mean over the
     iterations that have it as a finite number: of returns and lengths weighted by games, of
     ``steps_per_second`` by seconds, of the rest by steps. Merged rows have ``row_iterations`` and
-    ``row_steps``, over how many they reach; a single one comes back as it was, without ``row_steps``.
+    ``row_steps``, their extent; a single one is returned unchanged, without ``row_steps``.
 
     Args:
         rows: metrics in order, at least one, each with its ``row_steps``.
@@ -201,7 +201,7 @@ def _weight(name: str, row: Row) -> float:
 
 
 def _mean(values: Sequence[tuple[float, float]]) -> float:
-    """Of (value, weight) with a finite value; NaN if there is none."""
+    """Weighted mean of (value, weight) pairs with a finite value; NaN if there is none."""
     finite = [(value, weight) for value, weight in values if math.isfinite(value)]
     total = sum(weight for _, weight in finite)
     return sum(value * weight for value, weight in finite) / total if total > 0 else math.nan

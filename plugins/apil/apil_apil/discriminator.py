@@ -110,8 +110,8 @@ def _initialise(layers: Sequence[nn.Linear]) -> None:
 def imitation_loss(victim_logits: Tensor, imitator_logits: Tensor) -> Tensor:
     """Binary cross-entropy, label 1 for the victim, 0 for the imitator (docs/methods.md §2).
 
-    The paper states min over D of the log-likelihoods, whose gradients have the same direction but whose
-    optimum is at the bounds; GAIL minimises the cross-entropy (Ho & Ermon 2016, algorithm 1).
+    The paper states min over D of the log-likelihoods, which moves D in the same direction but has its
+    optimum at the bounds; GAIL minimises the cross-entropy (Ho & Ermon 2016, algorithm 1).
     """
     return F.softplus(-victim_logits).mean() + F.softplus(imitator_logits).mean()
 

@@ -230,7 +230,7 @@ class Apil(Method):
         return streams
 
     def _likelihood_weight(self, steps: int) -> float:
-        """Of the victim's log-likelihood after ``steps`` environment steps, by ``imitator.objective``."""
+        """Weight of the log-likelihood after ``steps`` environment steps, by ``imitator.objective``."""
         config = self.options.imitator
         if config.objective != "both":
             return 1.0 if config.objective == "likelihood" else 0.0
