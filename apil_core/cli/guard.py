@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import re
 import sys
 import tempfile
 import time
 import traceback
+from contextlib import suppress
+from io import TextIOWrapper
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from apil_core.cli.output import say
@@ -21,6 +26,21 @@ if TYPE_CHECKING:
 USAGE_ERROR = 2
 INTERNAL_ERROR = 1
 INTERRUPTED = 130
+_HOME = re.compile(r"^(--[\w-]+=|)~(?=/|$)")
+_PLACES = {
+    *(errno.ENAMETOOLONG, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM),
+    *(
+        errno.ENOENT,
+        errno.ENOTDIR,
+        errno.EISDIR,
+        errno.ELOOP,
+        errno.EIO,
+        errno.EMFILE,
+        errno.ENODEV,
+        errno.ESTALE,
+    ),
+}
+"""Numbers of system errors that a place has: the user can mend them, no code."""
 _COURTESY = 3.0
 """Seconds that other processes wait for the first one's message."""
 
@@ -31,8 +51,11 @@ def guarded(arguments: list[str]) -> int:
 
     from apil_core.cli.app import make_app
 
+    _make_streams_usable()
     try:
-        result = make_app()(begin(arguments))
+        os.getcwd()  # libraries end the program without one
+        # the shell leaves the ~ of --out=~/runs as it is
+        result = make_app()(begin([_HOME.sub(_expanded, text) for text in arguments]))
         sys.stdout.flush()
     except ApilError as error:
         if os.environ.get("APIL_DEBUG") == "1":  # for mistakes in code of the user's
@@ -43,11 +66,15 @@ def guarded(arguments: list[str]) -> int:
     except KeyboardInterrupt:
         return complain("interrupted", INTERRUPTED)
     except BrokenPipeError:  # `apil … | head`: the reader has closed the pipe
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _give_up_stdout()
         return 0
     except ModuleNotFoundError as error:
         absent = missing(error.name)
         return complain(str(absent), absent.exit_code) if absent else _report(error)
+    except OSError as error:
+        if error.errno not in _PLACES or os.environ.get("APIL_DEBUG") == "1":
+            return _report(error)
+        return complain(_of_place(error), USAGE_ERROR)
     except SystemExit as error:  # raised by a plugin or a game, and not caught closer to it
         last = traceback.extract_tb(error.__traceback__)[-1]
         text = f"{last.filename}, line {last.lineno}: code that a run uses ended the program (exit {error})"
@@ -55,6 +82,38 @@ def guarded(arguments: list[str]) -> int:
     except Exception as error:
         return _report(error)
     return result if isinstance(result, int) else 0
+
+
+def _make_streams_usable() -> None:
+    """Where output is closed it goes nowhere; letters that its encoding lacks become question marks."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115
+        elif isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
+def _expanded(found: re.Match[str]) -> str:
+    return found[1] + os.path.expanduser("~")
+
+
+def _of_place(error: OSError) -> str:
+    """What is wrong with a file, a directory or standard output."""
+    if error.filename:
+        return f"{error.filename}: {error.strerror}"
+    if error.errno == errno.ENOENT:
+        return "the current directory is gone: change to one that is there"
+    with suppress(OSError):
+        sys.stdout.flush()
+        return str(error.strerror)
+    _give_up_stdout()
+    return f"output: {error.strerror}"
+
+
+def _give_up_stdout() -> None:
+    """Let nothing more be written there, lest Python complains when it ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def complain(message: str, code: int) -> int:

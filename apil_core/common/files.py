@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, BinaryIO
@@ -17,13 +17,17 @@ LOCK = ".lock"
 """Name of the lock of a directory."""
 
 
+_LONGEST = 200
+"""Characters of a name that its temporary neighbour's has: file systems take 255 bytes."""
+
+
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     """Call ``write(file)`` on a temporary file beside ``path``, fsync it, and rename it to ``path``.
 
     Raises:
         RunDirError: the directory cannot be written (full, read-only, missing).
     """
-    temporary = path.with_name(f".{path.name}.tmp")
+    temporary = path.with_name(f".{path.name[:_LONGEST]}.tmp")
     try:
         with temporary.open("wb") as file:
             write(file)
@@ -36,10 +40,15 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
         finally:
             os.close(directory)
     except BaseException as error:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink()
         if not isinstance(error, (OSError, RuntimeError)):  # torch.save reports a full disk as RuntimeError
             raise
-        raise RunDirError(f"cannot write {path}: {error}; what was there before is untouched") from error
+        root: BaseException | None = error
+        while root is not None and not isinstance(root, OSError):
+            root = root.__context__
+        reason = getattr(root, "strerror", None) or error
+        raise RunDirError(f"cannot write {path}: {reason}; what was there before is untouched") from error
 
 
 def read_json(path: Path, kind: type = dict) -> Any:

@@ -289,7 +289,9 @@ def _keys(data: Any, prefix: Key) -> list[Key]:
 
 def located(name: str | None, folder: Path) -> str | None:
     """A path, relative to ``folder``, made absolute; a policy's name (scheme, colon, …) as it is."""
-    return name if name is None or POLICY_NAME.match(name) else str((folder / name).resolve())
+    return (
+        name if name is None or POLICY_NAME.match(name) else str((folder / Path(name).expanduser()).resolve())
+    )
 
 
 def _relative_to(folder: Path, value: Any) -> Any:

@@ -1,7 +1,8 @@
-"""Ctrl-C and SIGTERM as requests: the running code stops at its next safe point."""
+"""Ctrl-C, SIGTERM and SIGHUP as requests: the running code stops at its next safe point."""
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -13,7 +14,9 @@ from apil_core.evaluation.progress import Progress
 
 @contextmanager
 def on_stop_signal(asked: Callable[[], None]) -> Iterator[None]:
-    """Call ``asked`` for each SIGINT or SIGTERM in the ``with`` block. No effect outside the main thread.
+    """Call ``asked`` for each SIGINT, SIGTERM or SIGHUP in the ``with`` block, in the main thread only.
+
+    A SIGHUP that the process was started to ignore (nohup) stays ignored.
 
     Args:
         asked: called in the main thread between any two bytecodes; its exceptions are raised there.
@@ -22,10 +25,18 @@ def on_stop_signal(asked: Callable[[], None]) -> Iterator[None]:
         yield
         return
 
+    terminals = [number for number in (1, 2) if os.isatty(number)]
+
     def handle(number: int, frame: FrameType | None) -> None:
+        if number == signal.SIGHUP:
+            for terminal in terminals:  # it is gone: to write there would be an error
+                os.dup2(os.open(os.devnull, os.O_WRONLY), terminal)
         asked()
 
-    previous = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    previous = {number: signal.signal(number, handle) for number in numbers}
     try:
         yield
     finally:

@@ -192,6 +192,7 @@ def make_bundle(maker: Maker, seats: tuple[Seat, Seat], games: int, index: int, 
         # Ctrl-C reaches the whole process group, but the run has to finish its iteration; and a handler
         # of SIGTERM that came along by fork would keep the worker alive
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         sys.stdout = sys.stderr  # stdout is for results
     return Bundle(maker, seats, games, index)

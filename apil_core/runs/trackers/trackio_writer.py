@@ -70,6 +70,7 @@ class Writer:
 def main() -> None:
     """Write the rows of one run from stdin."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
     with os.fdopen(os.dup(1), "w") as answers:
         os.dup2(2, 1)  # trackio prints
         try:

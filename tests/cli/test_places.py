@@ -1,0 +1,97 @@
+"""Places that are full, closed, gone, read-only or impossible: one line, and nothing is lost."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from apil_core.training.storage.run_dir import RunDir
+from cli.cli_helpers import COIN, SMALL, TINY, Apil
+
+LONG = "x" * 300
+COMMAND = (sys.executable, "-m", "apil_core.cli")
+
+
+def called(*words: str, **options: Any) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*COMMAND, *words], stderr=subprocess.PIPE, text=True, check=False, **options)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("run", *TINY, "--out", LONG),
+        ("run", "--config", LONG),
+        ("resume", LONG),
+        ("eval", LONG, "--env", "coin", "--plugin", COIN),
+        ("runs", "list", LONG),
+        ("runs", "compare", LONG, LONG),
+        ("bench", "run", LONG),
+        ("bench", "report", LONG),
+        ("run", *TINY, "--victim", f"onnx:{LONG}"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_a_name_that_is_too_long(apil: Apil, words: tuple[str, ...]) -> None:
+    done = apil(*words)
+    assert (done.code, done.err.count("\n")) == (2, 1)
+    assert "File name too long" in done.err
+
+
+def test_a_full_disk_keeps_the_last_checkpoint(tmp_path: Path) -> None:
+    out = tmp_path / "r"
+    words = ("run", *TINY, *SMALL, "--set", "checkpoint.every_iterations=1", "--method", "adrl", "--quiet")
+    full = called(
+        *words, "--out", str(out), preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000,) * 2)
+    )
+    assert full.returncode == 2
+    assert full.stderr.splitlines()[-1].endswith("File too large; what was there before is untouched")
+    assert not list(out.rglob("*.tmp"))
+
+
+def test_output_that_cannot_be_written(tmp_path: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = called("methods", stdout=full)
+    assert (done.returncode, done.stderr) == (2, "apil: No space left on device\n")
+    closed = called("methods", preexec_fn=lambda: os.close(1))
+    assert (closed.returncode, closed.stderr) == (0, "")
+    latin = called("methods", stdout=subprocess.PIPE, env={**os.environ, "PYTHONIOENCODING": "latin-1"})
+    assert (latin.returncode, latin.stderr) == (0, "")
+    assert "e_apil" in latin.stdout
+    gone = called("methods", stdout=subprocess.PIPE, cwd=tmp_path, preexec_fn=tmp_path.rmdir)
+    assert (gone.returncode, gone.stdout) == (2, "")
+    assert gone.stderr == "apil: the current directory is gone: change to one that is there\n"
+
+
+def test_a_home_directory_behind_an_equals_sign(
+    apil: Apil, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    done = apil("run", *TINY, *SMALL, "--method", "adrl", "--out=~/a~b", "--quiet")
+    assert done.code == 0, done.err
+    assert (tmp_path / "home" / "a~b" / "result.json").is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ignored", [False, True], ids=["heard", "nohup"])
+def test_a_hangup_stops_with_a_checkpoint_unless_it_is_ignored(tmp_path: Path, ignored: bool) -> None:
+    handler = signal.SIG_IGN if ignored else signal.SIG_DFL
+    out, plugin = tmp_path / "r", tmp_path / "hang.py"
+    plugin.write_text(
+        "import os, signal\nfrom apil_core import hookimpl\n\n\n@hookimpl\ndef iteration_finished(metrics):\n"
+        "    if metrics['iteration'] == 1:\n        os.kill(os.getpid(), signal.SIGHUP)\n"
+    )
+    words = ("run", *TINY, *SMALL, "--method", "adrl", "--plugin", str(plugin), "--quiet", "--out", str(out))
+    done = called(
+        *(*words, "--set", "observers=[hang]"),
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, handler),
+        stdout=subprocess.PIPE,
+    )
+    assert done.returncode == (0 if ignored else 130), done.stderr
+    assert RunDir(out).newest_checkpoint().name == f"iteration-0000000{2 if ignored else 1}.pt"
