@@ -395,7 +395,7 @@ def _version(package: str) -> str:
 
 
 def _git_state() -> str:
-    command = ["git", "describe", "--always", "--dirty", "--abbrev=12"]
+    command = ["git", "--no-optional-locks", "describe", "--always", "--dirty", "--abbrev=12"]
     try:
         done = subprocess.run(
             command, cwd=Path(__file__).parent, capture_output=True, text=True, timeout=5, check=False
