@@ -118,6 +118,9 @@ def play(
         started += int(again.sum())
         active &= ~done | again
         games.reset(again)
+        games.first = torch.from_numpy(done).to(
+            games.device
+        )  # also in slots that get no further game: recordings skip those
         if on_progress is not None:
             on_progress(len(counts.winners))
     return counts

@@ -140,9 +140,9 @@ def test_distillation_takes_the_profile_as_a_setting_of_the_game() -> None:
 
 def test_a_video_names_physics_that_is_not_faithful() -> None:
     with_note = OverlayText("a", "b", 1, Counter(), "physics fast")
-    assert "physics fast" in with_note.text(Frame(1, 2, 0.1)).splitlines()
+    assert "physics fast" in with_note.all(Frame(1, 2, 0.1)).splitlines()
     plain = OverlayText("a", "b", 1, Counter())
-    assert "physics" not in plain.text(Frame(1, 2, 0.1))
+    assert "physics" not in plain.all(Frame(1, 2, 0.1))
     assert header(400, 16, with_note).tobytes() != header(400, 16, plain).tobytes()
 
 

@@ -183,7 +183,7 @@ def test_a_game_that_cannot_be_drawn_says_so_before_playing(apil: Apil, trained:
 
 
 def test_without_opengl_one_line_says_what_to_install(apil: Apil, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gl, "works", lambda backend: False)
+    monkeypatch.setattr(gl, "works", lambda backend, **_: False)
     monkeypatch.setattr("sys.platform", "linux")
     gl._first_working.cache_clear()
     done = apil("play", "zero", "--victim", "zero", "--env", "kick-and-defend", "--snapshots", "2")

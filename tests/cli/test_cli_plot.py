@@ -151,7 +151,7 @@ def test_not_even_a_surprise_is_a_failure(apil: Apil, tmp_path: Path) -> None:
 
 
 def test_without_opengl_one_line_says_what_to_install(apil: Apil, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gl, "works", lambda backend: False)
+    monkeypatch.setattr(gl, "works", lambda backend, **_: False)
     monkeypatch.setattr("sys.platform", "linux")
     gl._first_working.cache_clear()
     ants = ("--env", "run-to-goal-ants", "--victim", "zero", "--num-envs", "4", "--steps", "16")

@@ -218,7 +218,7 @@ class _Backend:
 
 
 def test_without_any_the_message_says_what_to_install(fresh: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gl, "works", lambda backend: False)
+    monkeypatch.setattr(gl, "works", lambda backend, **_: False)
     with pytest.raises(
         ApilError, match=r"tried EGL, OSMesa; install one: `apt-get install libegl1`"
     ) as caught:

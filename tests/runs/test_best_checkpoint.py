@@ -122,7 +122,7 @@ def test_going_on_from_the_best_leaves_a_checkpoint_at_once(tmp_path, monkeypatc
     def killed(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("apil_core.runs.session.Session.go", killed)
+    monkeypatch.setattr("apil_core.runs.session.Session.run", killed)
     with pytest.raises(KeyboardInterrupt):
         resume(directory.path, checkpoint_path=Path("best"), steps=9 * ITERATION)
     assert directory.newest_checkpoint() == directory.checkpoint_path(best["iteration"])

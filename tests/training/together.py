@@ -10,7 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from apil_core import RunConfig, resume, run
+from apil_core import RunConfig, resume, run, trust
 from apil_core.config.layers import file_layer
 from apil_core.training.distributed.join import joined
 
@@ -36,6 +36,7 @@ def train(folder: Path, *names: str) -> str:
 
 
 def main(folder: Path, names: list[str]) -> None:
+    trust("--trust")  # plugins that the configurations name
     with joined("cpu"):
         for name in names:
             if (folder / name / "config.yaml").is_file():

@@ -17,6 +17,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from apil_core.api.config import RunConfig
+from apil_core.common.documents import EXACT
 from apil_core.common.errors import RunDirError
 from apil_core.common.files import LOCK, is_taken, locked, read_json, write_atomically
 from apil_core.common.trust import remember
@@ -314,6 +315,8 @@ class _Score(BaseModel):
 
 class _Result(BaseModel):
     """Fields of ``result.json`` that listings and benchmarks read."""
+
+    model_config = EXACT
 
     status: str = ""
     steps: int = 0
