@@ -131,7 +131,9 @@ def test_metrics_and_evaluations_are_told_once_and_for_all(trained):
     assert result["evaluation"]["trained_steps"] == ITERATIONS * STEPS
     environment = json.loads(RunDir(folder / "adrl").environment_path.read_text())
     assert [session["processes"] for session in environment] == [2]
-    assert "apil" not in output  # nobody prints unless told to
+    # once for all processes, and nothing else
+    assert all(line.startswith("apil: loads code: ") for line in output.splitlines() if "apil" in line)
+    assert output.count("apil: loads code: ") == 2
 
 
 def test_steps_of_side_games_count_in_all_processes(trained):
