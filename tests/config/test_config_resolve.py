@@ -160,7 +160,7 @@ def test_stored_yaml_explains_its_keys(registry: PluginRegistry) -> None:
     lines = dump_yaml(resolve(plugins=registry), registry).splitlines()
     for key, comment in {
         "  epochs: 4": "  # Passes over each rollout.",
-        "init_from: null": "# Run directory to start from, or policy (zoo:…, run:…) to clone first.",
+        "init_from: null": "# Run directory to initialise from, or policy (zoo:…, run:…) to clone first.",
         "    observes: victim": "    # Whose observation the imitator and D read.",
         "  margin: 0.5": "  # How much larger a sum must be to win.",
     }.items():

@@ -88,7 +88,7 @@ def test_a_config_holds_all_options_and_explains_them(registry: PluginRegistry) 
     config = complete(short(game={"kwargs": {"length": 9}}), registry)
     expected = {"kwargs": {"length": 9}, "max_steps": 1000, "winner": "reward", "opponent_channels": {}}
     assert config.game == expected
-    assert "# Who wins: " in dump_yaml(config, registry)
+    assert "# Winner: " in dump_yaml(config, registry)
     with pytest.raises(ConfigError, match=r"game\.maxsteps: unknown key \(did you mean 'max_steps'"):
         complete(short(game={"maxsteps": 9}), registry)
 
