@@ -161,7 +161,7 @@ def test_stored_yaml_explains_its_keys(registry: PluginRegistry) -> None:
     for key, comment in {
         "  epochs: 4": "  # Passes over each rollout.",
         "init_from: null": "# Run directory to initialise from, or policy (zoo:…, run:…) to clone first.",
-        "    observes: victim": "    # Whose observation the imitator and D read.",
+        "    observes: victim": "    # Observation that the imitator and D read.",
         "  margin: 0.5": "  # How much larger a sum must be to win.",
     }.items():
         assert lines[lines.index(key) - 1] == comment
