@@ -22,7 +22,8 @@ from apil_core import RunConfig, run
 from apil_core.api.config import EvaluationConfig, PPOConfig
 from apil_core.common.errors import ApilError, ConfigError
 from apil_core.evaluation.progress import Progress
-from apil_core.training.storage.run_dir import RunDir, environment
+from apil_core.training.storage.environment import environment
+from apil_core.training.storage.run_dir import RunDir
 
 MILLION = 1_000_000
 WHOLE_RUN = 35 * MILLION

@@ -142,10 +142,8 @@ def run(
     with bench.lock():
         bench.write_matrix(benchmark.matrix)
         begin = time.perf_counter()
-        with (
-            closing(make_watch(jobs, status, quiet=quiet)) as watch,
-            closing(where.start(bench.path)) as executor,
-        ):
+        watched = closing(make_watch(jobs, status, quiet=quiet))
+        with watched as watch, closing(where.start(bench.path)) as executor:
             result = run_jobs(jobs, status, executor, watch)
     print_result(result, status, time.perf_counter() - begin, as_json=as_json)
     return _exit_code(result, bench.path)

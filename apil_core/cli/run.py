@@ -74,18 +74,34 @@ def run(
     here = World.here()
     if here.is_main:
         for _, directory in jobs:
-            _refuse_existing(directory)
+            refuse_existing(directory)
     if dry_run:
         if here.is_main:
             _say_budget(config, plugins, jobs[0][1] or Path("runs"), len(jobs), as_json=as_json)
         return 0
+    documents, code = _train(jobs, plugins, here, show=show, quiet=quiet, as_json=as_json)
+    if as_json and here.is_main:
+        print_json(documents if seeds else documents[0])
+    return code
+
+
+def _train(
+    jobs: list[tuple[RunConfig, Path | None]],
+    plugins: PluginRegistry,
+    here: World,
+    *,
+    show: bool,
+    quiet: bool,
+    as_json: bool,
+) -> tuple[list[dict[str, Any]], int]:
+    """Train one run after the other; return the documents for ``--json``, and the exit code."""
     from apil_core.runs import runner
     from apil_core.training.distributed.join import joined
 
     if len(jobs) > 1:
         os.environ.pop("WANDB_RUN_ID", None)  # one tracker run cannot hold several seeds
     documents: list[dict[str, Any]] = []
-    with joined(config.device):  # once for all seeds
+    with joined(jobs[0][0].device):  # once for all seeds
         for seeded, directory in jobs:
             with make_progress(quiet=quiet or not here.is_main) as progress:
                 result = runner.run(
@@ -95,9 +111,7 @@ def run(
                     documents.append(finish(result, progress, show=show, as_json=as_json))
             if result.status == "interrupted":
                 break
-    if as_json and here.is_main:
-        print_json(documents if seeds else documents[0])
-    return exit_code(result, here)
+    return documents, exit_code(result, here)
 
 
 def _say_budget(
@@ -135,7 +149,7 @@ def _jobs(
     return [(config.model_copy(update={"seed": s}), out / f"s{s}" if out else None) for s in seeds]
 
 
-def _refuse_existing(directory: Path | None) -> None:
+def refuse_existing(directory: Path | None) -> None:
     """Refuse an existing directory before torch is imported: a mistyped --out should fail at once."""
     if directory is not None and is_taken(directory):
         raise RunDirError(

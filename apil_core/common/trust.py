@@ -71,7 +71,7 @@ def check(name: str, trusted: bool = True, error: type[ApilError] = ConfigError)
     where = files[0] if files else "nobody"
     if _trusted & {name, FLAG} or (trusted and not files):
         why = "as asked"
-    elif any((str(Path(file).parent.resolve()), name) in _record() for file in files):
+    elif _record() & {(str(Path(file).parent.resolve()), name) for file in files}:
         why = "run there before"
     else:
         raise error(
@@ -86,8 +86,8 @@ def check(name: str, trusted: bool = True, error: type[ApilError] = ConfigError)
 
 def remember(directory: Path) -> None:
     """Record that the user ran the code loaded so far from ``directory``, so that it may run there again."""
-    lines = [(str(directory.resolve()), name) for name in _ran]
-    new = [json.dumps(line) + "\n" for line in lines if line not in _record()] if lines else []
+    ran = {(str(directory.resolve()), name) for name in _ran}
+    new = [json.dumps(line) + "\n" for line in sorted(ran - _record())] if ran else []
     if new:
         with suppress(OSError):  # the home directory is not writable: --trust is needed again next time
             _path().parent.mkdir(parents=True, exist_ok=True)

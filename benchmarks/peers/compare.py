@@ -25,7 +25,7 @@ from rsl_rl_peer import RslRl
 from task import Contestant, Task, victim_of
 
 from apil_core.common.errors import ApilError
-from apil_core.training.storage.run_dir import environment
+from apil_core.training.storage.environment import environment
 
 SB3 = ("dummy:8", f"subproc:{os.cpu_count()}", "subproc:8")
 """Vectorisations tried by default."""

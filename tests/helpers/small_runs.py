@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
-from apil_core import RunConfig
+from apil_core import RunConfig, run
 from apil_core.testing import tiny_config
 from apil_core.testing.states import differences as differences
 from apil_core.testing.states import leaves as leaves
+from apil_core.training.storage.run_dir import RunDir
 
 
 def small_config(method: str = "e_apil", **changes: Any) -> RunConfig:
     """A few thousand steps on ``toy-pursuit``, evaluation and TensorBoard off."""
     return tiny_config(method, **changes)
+
+
+def three_iterations(path: Path) -> RunDir:
+    """Train E-APIL for three iterations, each with a checkpoint."""
+    run(small_config(steps=3 * 512, checkpoint={"every_iterations": 1, "keep": 3}), out=path)
+    return RunDir(path)

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from helpers.small_runs import small_config
+from helpers.small_runs import small_config, three_iterations
 
-import apil_core
 from apil_core import ConfigError, RunDirError
 from apil_core.api.types import DiagonalGaussian
 from apil_core.studies.theory.diagnostics import BOUND, IMITATOR_KL, KL, KL_MAX, Diagnostics, diagnose
@@ -24,11 +23,7 @@ BIT = math.log(2)
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> RunDir:
-    """Three iterations of E-APIL, each with a checkpoint."""
-    config = small_config(steps=3 * 512, checkpoint={"every_iterations": 1, "keep": 3})
-    path = tmp_path_factory.mktemp("theory") / "run"
-    apil_core.run(config, out=path)
-    return RunDir(path)
+    return three_iterations(tmp_path_factory.mktemp("theory") / "run")
 
 
 # --- the log alone

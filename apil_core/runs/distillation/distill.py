@@ -27,7 +27,7 @@ from apil_core.runs.distillation.learner import Block
 from apil_core.runs.distillation.report import Report, make_report, score_of
 from apil_core.runs.distillation.trainer import Entry
 from apil_core.training.storage import checkpoint
-from apil_core.training.storage.run_dir import environment
+from apil_core.training.storage.environment import environment
 
 OnStage = Callable[[Entry, int], None]
 

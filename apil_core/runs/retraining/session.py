@@ -15,7 +15,7 @@ from apil_core.runs.retraining.folder import RetrainDir, name_of
 from apil_core.runs.retraining.scoring import RetrainResult, score_each
 from apil_core.runs.session import Session
 from apil_core.runs.stop_signal import Stopped
-from apil_core.training.storage.run_dir import environment
+from apil_core.training.storage.environment import environment
 
 Scores = dict[str, EvaluationResult]
 

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import platform
-import subprocess
-import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -22,15 +18,13 @@ from apil_core.common.errors import RunDirError
 from apil_core.common.files import LOCK, is_taken, locked, read_json, write_atomically
 from apil_core.common.trust import remember
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.training.distributed.world import World
+from apil_core.training.storage.environment import environment
 
 DEFAULT_ROOT = Path("runs")
 BEST = "best"
 """Name for the checkpoint with the highest win rate, in options that choose one."""
 _TAIL = 1 << 18
 """Bytes at the end of a log that are searched for its newest row."""
-
-_PACKAGES = ("apil", "torch", "mujoco", "numpy", "rsl-rl-lib", "gymnasium", "pettingzoo", "tensordict")
 
 
 class RunDir:
@@ -361,21 +355,6 @@ def list_runs(root: Path = DEFAULT_ROOT) -> list[RunDir]:
     return [RunDir(path) for path in sorted(found)]
 
 
-def environment(command: Sequence[str]) -> dict[str, Any]:
-    """Environment that results may depend on: command, versions, host and the code's git state."""
-    return {
-        "command": list(command),
-        "processes": World.here().size,
-        "time": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
-        "python": sys.version.split()[0],
-        "versions": {name: _version(name) for name in _PACKAGES},
-        "host": platform.node(),
-        "platform": platform.platform(),
-        "cpus": os.cpu_count(),
-        "git": _git_state(),
-    }
-
-
 def _default_path(config: RunConfig) -> Path:
     stamp = time.strftime("%Y%m%d-%H%M%S")
     return unused(DEFAULT_ROOT / config.env / config.method / f"{stamp}-s{config.seed}")
@@ -388,21 +367,3 @@ def unused(base: Path) -> Path:
         count += 1
         path = base.with_name(f"{base.name}-{count}")
     return path
-
-
-def _version(package: str) -> str:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return "absent"
-
-
-def _git_state() -> str:
-    command = ["git", "--no-optional-locks", "describe", "--always", "--dirty", "--abbrev=12"]
-    try:
-        done = subprocess.run(
-            command, cwd=Path(__file__).parent, capture_output=True, text=True, timeout=5, check=False
-        )
-    except (OSError, subprocess.TimeoutExpired):
-        return ""
-    return done.stdout.strip()

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from helpers.small_runs import small_config
+from helpers.small_runs import three_iterations
 from studies.paper_runs import row, write_run
 
-import apil_core
 from apil_core import ConfigError, RunDirError
 from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.api.types import Decision, DiagonalGaussian, View
@@ -25,11 +24,7 @@ BIT = math.log(2)
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> RunDir:
-    """Three iterations of E-APIL, each with a checkpoint."""
-    config = small_config(steps=3 * 512, checkpoint={"every_iterations": 1, "keep": 3})
-    path = tmp_path_factory.mktemp("theory") / "run"
-    apil_core.run(config, out=path)
-    return RunDir(path)
+    return three_iterations(tmp_path_factory.mktemp("theory") / "run")
 
 
 @pytest.fixture(scope="module")
