@@ -67,6 +67,10 @@ _HOMES = {
     "apil_core.runs.runner": ("RunResult", "resume", "run"),
     "apil_core.plugins.registry": ("load_policy", "make_game"),
     "apil_core.policies.conformance": ("Conformance", "check_policy"),
+    "apil_core.policies.network": ("NetworkShape", "PolicyNetwork"),
+    "apil_core.policies.frozen_policy": ("FrozenPolicy",),
+    "apil_core.policies.student": ("save_policy",),
+    "apil_core.policies.foreign.pickles": ("Opaque", "read_pickle"),
     "apil_core.games.pettingzoo.options": ("PettingZooOptions",),
     "apil_core.games.pettingzoo.plugin": ("pettingzoo_spec",),
 }
@@ -148,6 +152,12 @@ if TYPE_CHECKING:
     from apil_core.plugins.registry import make_game as make_game
     from apil_core.policies.conformance import Conformance as Conformance
     from apil_core.policies.conformance import check_policy as check_policy
+    from apil_core.policies.foreign.pickles import Opaque as Opaque
+    from apil_core.policies.foreign.pickles import read_pickle as read_pickle
+    from apil_core.policies.frozen_policy import FrozenPolicy as FrozenPolicy
+    from apil_core.policies.network import NetworkShape as NetworkShape
+    from apil_core.policies.network import PolicyNetwork as PolicyNetwork
+    from apil_core.policies.student import save_policy as save_policy
     from apil_core.runs.runner import RunResult as RunResult
     from apil_core.runs.runner import resume as resume
     from apil_core.runs.runner import run as run

@@ -23,12 +23,15 @@ _RNN = ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
 class NetworkShape:
     """Architecture of a network, which determines its tensors.
 
+    Agents of Bansal et al. 2018: ``mlp`` with hidden (64, 64), or ``lstm`` with embed 128, width 128 and no
+    hidden layers; clip 5. ``MlpPolicy`` of Stable-Baselines with ``VecNormalize``: (64, 64), clip 10.
+
     Attributes:
         kind: ``lstm`` below the MLP, or the MLP alone.
         observation_size, action_size: of the seat; a critic's only action is the value.
         width: of the LSTM; 0 for ``mlp``.
-        hidden: tanh layers above it.
-        clip: bound of the standardised observation.
+        hidden: widths of the tanh layers above it.
+        clip: bound of the standardised observation, in standard deviations.
         embed: ReLU units between observation and LSTM; 0: none.
     """
 
@@ -41,7 +44,11 @@ class NetworkShape:
     embed: int = 0
 
     def tensors(self) -> dict[str, tuple[int, ...]]:
-        """Names and shapes of a file's tensors, in the layout of torch's layers."""
+        """Names and shapes of a file's tensors, in the layout of torch's layers.
+
+        ``observation.mean`` and ``observation.std`` (o,); ``log_std`` (a,); ``embed.*``; ``rnn.*`` of an LSTM
+        cell, gates in the order i, f, g, o; ``mlp.0.weight`` (outputs, inputs), ``mlp.0.bias``, ….
+        """
         o, a, w = self.observation_size, self.action_size, self.width
         shapes: dict[str, tuple[int, ...]] = {
             "observation.mean": (o,),

@@ -1,4 +1,4 @@
-"""The safetensors file of a student (``apil distill``): weights, architecture and provenance."""
+"""The safetensors file of a network (student, converted agent): weights, architecture and provenance."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import Any, get_args
 
 import torch
+from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
+from torch import Tensor
 
 from apil_core.api.policy import PolicyInfo
 from apil_core.common.errors import VictimError
@@ -33,27 +35,38 @@ def weights_sha256(weights: Weights) -> str:
     return digest.hexdigest()
 
 
-def save_file(path: Path, shape: NetworkShape, weights: Weights, provenance: Mapping[str, Any]) -> None:
-    """Write a student.
+def save_policy(
+    path: Path | str,
+    shape: NetworkShape,
+    weights: Mapping[str, Tensor | NDArray[Any]],
+    provenance: Mapping[str, Any],
+) -> None:
+    """Write a network with its weights, to be loaded as ``safetensors:PATH``.
 
     Args:
-        path: of the file.
+        path: of the file; replaced if it exists.
         shape: of ``weights``.
-        weights: on the CPU.
-        provenance: stored with the weights as JSON, e.g. for ``apil victims list``.
+        weights: named and shaped as :meth:`NetworkShape.tensors` says, tensors or numpy arrays, on the CPU;
+            stored in float32.
+        provenance: where they are from; stored as JSON, shown by ``apil victims check``.
+
+    Raises:
+        VictimError: a tensor is missing, unknown, of another shape or not finite.
     """
+    stored = {name: torch.as_tensor(value, dtype=torch.float32) for name, value in weights.items()}
+    _verify(stored, shape, str(path))
     metadata = {
         "format": FORMAT,
         "shape": json.dumps(asdict(shape)),
-        "weights_sha256": weights_sha256(weights),
+        "weights_sha256": weights_sha256(stored),
         "provenance": json.dumps(provenance, sort_keys=True),
     }
-    content = save({name: tensor.contiguous() for name, tensor in weights.items()}, metadata)
-    write_atomically(path, lambda file: file.write(content))
+    content = save({name: tensor.contiguous() for name, tensor in stored.items()}, metadata)
+    write_atomically(Path(path), lambda file: file.write(content))
 
 
 def load_file(path: Path, name: str) -> FrozenPolicy:
-    """Read what :func:`save_file` wrote.
+    """Read what :func:`save_policy` wrote.
 
     Args:
         path: of the file.
@@ -72,7 +85,8 @@ def load_file(path: Path, name: str) -> FrozenPolicy:
         reason = " ".join(str(error).split())
         raise VictimError(f"{name}: {path} is no safetensors file, or a damaged one: {reason}") from error
     shape = _shape(metadata, f"{name}: {path}")
-    _verify(weights, shape, metadata, f"{name}: {path}")
+    _verify(weights, shape, f"{name}: {path}")
+    _verify_hash(weights, metadata, f"{name}: {path}")
     info = PolicyInfo(
         name, metadata["weights_sha256"], shape.observation_size, shape.action_size, provenance_of(metadata)
     )
@@ -104,7 +118,7 @@ def _plausible(shape: NetworkShape) -> None:
         raise ValueError(f"clip {shape.clip!r} is no positive number")
 
 
-def _verify(weights: Weights, shape: NetworkShape, metadata: Mapping[str, str], where: str) -> None:
+def _verify(weights: Weights, shape: NetworkShape, where: str) -> None:
     expected = shape.tensors()
     for name, size in expected.items():
         if name not in weights:
@@ -117,6 +131,9 @@ def _verify(weights: Weights, shape: NetworkShape, metadata: Mapping[str, str], 
             raise VictimError(f"{where}: tensor {name!r} holds numbers that are not finite")
     if weights.keys() != expected.keys():
         raise VictimError(f"{where}: unknown tensors {sorted(weights.keys() - expected.keys())}")
+
+
+def _verify_hash(weights: Weights, metadata: Mapping[str, str], where: str) -> None:
     actual = weights_sha256(weights)
     if metadata.get("weights_sha256") != actual:
         said = metadata.get("weights_sha256", "none")

@@ -14,7 +14,7 @@ from safetensors.torch import save_file as save_tensors
 from apil_core import PolicyInfo, VictimError, View
 from apil_core.policies.frozen_policy import FrozenPolicy
 from apil_core.policies.network import NetworkShape
-from apil_core.policies.student import load_file, save_file, weights_sha256
+from apil_core.policies.student import load_file, save_policy, weights_sha256
 from apil_core.runs.distillation.learner import StudentLearner
 
 TINY = NetworkShape("mlp", observation_size=2, action_size=1, width=0, hidden=(), clip=5.0)
@@ -32,7 +32,7 @@ def view(own: torch.Tensor, first: torch.Tensor | None = None) -> View:
 
 
 def test_the_mean_by_hand(tmp_path: Path) -> None:
-    save_file(tmp_path / "s.safetensors", TINY, WEIGHTS, {"teacher": "t"})
+    save_policy(tmp_path / "s.safetensors", TINY, WEIGHTS, {"teacher": "t"})
     student = load_file(tmp_path / "s.safetensors", "s")
     # (2 − 1)/2 = 0.5, 9/0.5 = 18 clipped to 5: 3·0.5 − 5 + 0.25 = −3.25
     decision = student.act(view(torch.tensor([[2.0, 9.0]])), sample=False)
@@ -40,6 +40,18 @@ def test_the_mean_by_hand(tmp_path: Path) -> None:
     assert decision.distribution is not None
     assert decision.distribution.std.tolist() == [1.0]
     assert student.info.provenance == {"teacher": "t"}
+
+
+def test_arrays_of_other_libraries_are_stored_in_float32(tmp_path: Path) -> None:
+    arrays = {name: tensor.double().numpy() for name, tensor in WEIGHTS.items()}
+    save_policy(tmp_path / "a.safetensors", TINY, arrays, {})
+    loaded = load_file(tmp_path / "a.safetensors", "a")
+    assert loaded.info.sha256 == weights_sha256(WEIGHTS)
+    with pytest.raises(
+        VictimError, match=r"b\.safetensors: tensor 'log_std' is \(2,\) float32, expected \(1,\)"
+    ):
+        save_policy(tmp_path / "b.safetensors", TINY, {**arrays, "log_std": torch.zeros(2)}, {})
+    assert not (tmp_path / "b.safetensors").exists()
 
 
 @pytest.mark.parametrize(
@@ -55,7 +67,7 @@ def test_the_file_acts_as_the_network_that_was_trained(
         shape, minibatch=4, gradient_length=2, learning_rate=1e-3, device=torch.device("cpu")
     )
     mean, std, log_std = torch.randn(6), torch.rand(6) + 0.5, torch.randn(3)
-    save_file(tmp_path / "s.safetensors", shape, learner.weights(mean, std, log_std), {})
+    save_policy(tmp_path / "s.safetensors", shape, learner.weights(mean, std, log_std), {})
     student = load_file(tmp_path / "s.safetensors", "s")
     steps, games = 5, 4
     observation, done = 3 * torch.randn(steps, games, 6), torch.rand(steps, games) < 0.4

@@ -19,7 +19,7 @@ from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import default_plugins, make_game
 from apil_core.policies.frozen_policy import FrozenPolicy
 from apil_core.policies.network import Standardizer
-from apil_core.policies.student import load_file, save_file, weights_sha256
+from apil_core.policies.student import load_file, save_policy, weights_sha256
 from apil_core.runs.distillation.build import Setting, named, prepare
 from apil_core.runs.distillation.config import DistillConfig
 from apil_core.runs.distillation.distill_dir import DistillDir
@@ -179,7 +179,7 @@ def _student(setting: Setting, directory: DistillDir, more: dict[str, Any]) -> F
         "time": made["time"],
         **more,
     }
-    save_file(directory.student_path, setting.course.shape, weights, provenance)
+    save_policy(directory.student_path, setting.course.shape, weights, provenance)
     name = f"student:{weights_sha256(weights)[:12]} of {teacher.name}"
     student = load_file(directory.student_path, name)
     return student.to(torch.device(config.device))

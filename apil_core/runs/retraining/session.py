@@ -9,7 +9,7 @@ from typing import Any
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult, PolicyId
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.policies.student import load_file, save_file
+from apil_core.policies.student import load_file, save_policy
 from apil_core.runs.retraining.build import Setting, shares
 from apil_core.runs.retraining.folder import RetrainDir, name_of
 from apil_core.runs.retraining.scoring import RetrainResult, score_each
@@ -126,7 +126,7 @@ class RetrainSession(Session):
             "time": made["time"],
         }
         shape, weights = self.setting.trainer.hardened()
-        save_file(self.directory.victim_path, shape, weights, provenance)
+        save_policy(self.directory.victim_path, shape, weights, provenance)
 
 
 def _counts(scores: Scores, prefix: str) -> dict[str, float]:
