@@ -43,6 +43,7 @@ _HOMES = {
         "SideLayout",
         "Window",
     ),
+    "apil_core.games.vector": ("GameVectorEnv", "sb3_vec_env"),
     "apil_core.games.views": ("OpponentInsideEnv", "ParallelGameEnv"),
     "apil_core.common.trust": ("trust",),
     "apil_core.common.torch_threads": ("side_by_side",),
@@ -146,6 +147,8 @@ if TYPE_CHECKING:
     from apil_core.evaluation.score import evaluate as evaluate
     from apil_core.games.pettingzoo.options import PettingZooOptions as PettingZooOptions
     from apil_core.games.pettingzoo.plugin import pettingzoo_spec as pettingzoo_spec
+    from apil_core.games.vector import GameVectorEnv as GameVectorEnv
+    from apil_core.games.vector import sb3_vec_env as sb3_vec_env
     from apil_core.games.views import OpponentInsideEnv as OpponentInsideEnv
     from apil_core.games.views import ParallelGameEnv as ParallelGameEnv
     from apil_core.plugins.registry import load_policy as load_policy

@@ -13,6 +13,7 @@ _EXTRAS = {
     "onnxruntime": ("onnxruntime", "ONNX policies", "onnx"),
     "ray": ("ray", "Ray clusters", "ray"),
     "sklearn": ("scikit-learn", "analyses of activations", "analysis"),
+    "stable_baselines3": ("stable-baselines3", "views for Stable-Baselines3", "sb3"),
     "trackio": ("trackio", "records in Trackio", "trackio"),
     "wandb": ("wandb", "records in Weights & Biases", "wandb"),
 }

@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium.spaces import Box, Discrete, Space
 from pettingzoo import ParallelEnv
 
-from apil_core.api.game import Array, Game, GameStep, SideLayout
+from apil_core.api.game import NO_WINNER, Array, Game, GameStep, SideLayout
 from apil_core.common import colours
 from apil_core.common.errors import ConfigError
 
@@ -21,23 +21,27 @@ if TYPE_CHECKING:
     from apil_core.api.policy import Policy
 
 
-def _single_game(game: Game | str, options: dict[str, Any] | None) -> Game:
+def game_of(game: Game | str, options: dict[str, Any] | None, num_envs: int | None, threads: int = 1) -> Game:
+    """The game itself, or ``num_envs`` (``None``: 1) games of that name."""
+    if num_envs is not None and num_envs < 1:
+        raise ConfigError(f"num_envs must be at least 1, not {num_envs}")
     if isinstance(game, str):
         from apil_core.plugins.registry import make_game
 
-        return make_game(game, num_envs=1, options=options)
+        return make_game(game, num_envs=num_envs or 1, threads=threads, options=options)
     if options is not None:
         raise ConfigError("options need the name of a game, not a ready one")
-    if game.num_envs != 1:
-        raise ConfigError(f"a view shows one game, this one has num_envs={game.num_envs}")
+    if num_envs not in (None, game.num_envs):
+        raise ConfigError(f"the view needs num_envs={num_envs}, this game has num_envs={game.num_envs}")
     return game
 
 
-def _observation_space(side: SideLayout) -> Box:
+def observation_space(side: SideLayout) -> Box:
+    """Space of a side's observations, unbounded."""
     return Box(-np.inf, np.inf, (side.observation_size,), np.float32)
 
 
-def _action_space(side: SideLayout) -> Box | Discrete:
+def action_space(side: SideLayout) -> Box | Discrete:
     """Space of a side's actions; ``Discrete`` where the core expects scores: the caller chooses itself."""
     if side.discrete:
         return Discrete(side.action_size)
@@ -50,32 +54,35 @@ def _row(action: Any, space: Space[Any]) -> Array:
     return np.asarray(action, np.float32)[None]
 
 
+def info_columns(game: Game, step: GameStep, side: int, *, ended: bool) -> dict[str, Array]:
+    """A side's infos, (num_envs,) each: both rewards; if ``ended``, ``winner``, ``tie`` and ``cause``."""
+    columns = {"reward_move": step.shaping[side].astype(float), "sparse": step.sparse[side].astype(float)}
+    if ended:
+        columns["winner"] = step.winner == side
+        columns["tie"] = step.winner == NO_WINNER
+        columns["cause"] = np.array(game.layout.causes, object)[step.cause]
+    return columns
+
+
 def _info(game: Game, step: GameStep, side: int) -> dict[str, Any]:
-    """``reward_move`` and ``sparse``; ``winner`` (bool) and ``cause`` (str) when the game has ended."""
-    info: dict[str, Any] = {
-        "reward_move": float(step.shaping[side, 0]),
-        "sparse": float(step.sparse[side, 0]),
-    }
-    if step.done[0]:
-        info["winner"] = bool(step.winner[0] == side)
-        info["cause"] = game.layout.causes[int(step.cause[0])]
-    return info
+    """The same of the one game there is, as ``float``, ``bool`` and ``str``."""
+    columns = info_columns(game, step, side, ended=bool(step.done[0]))
+    return {key: column.tolist()[0] for key, column in columns.items()}
 
 
 PICTURE = (640, 360)
 """Width and height of the views' pictures, pixels."""
 
 
-def _check_render_mode(render_mode: str | None) -> None:
+def check_render_mode(render_mode: str | None) -> None:
+    """Raise ConfigError for a mode that the views do not have."""
     if render_mode not in (None, "rgb_array"):
         raise ConfigError(f"render_mode {render_mode!r} is unknown; there is 'rgb_array'")
 
 
-def _picture(game: Game, adversary_side: int, render_mode: str | None) -> Array | None:
-    """Picture for ``render``, victim blue and adversary red; ``None`` without a render mode."""
-    if render_mode is None:
-        return None
-    return game.render(0, *PICTURE, colours.by_side(adversary_side))
+def picture(game: Game, adversary_side: int, row: int = 0) -> Array:
+    """Picture of one game for ``render``, victim blue and adversary red."""
+    return game.render(row, *PICTURE, colours.by_side(adversary_side))
 
 
 class ParallelGameEnv(ParallelEnv[str, Array, Array]):
@@ -99,14 +106,14 @@ class ParallelGameEnv(ParallelEnv[str, Array, Array]):
     def __init__(
         self, game: Game | str, options: dict[str, Any] | None = None, render_mode: str | None = None
     ):
-        _check_render_mode(render_mode)
+        check_render_mode(render_mode)
         self.render_mode = render_mode
-        self._game = _single_game(game, options)
+        self._game = game_of(game, options, 1)
         sides = self._game.layout.sides
         self.possible_agents = [side.name for side in sides]
         self.agents: list[str] = []
-        self.observation_spaces = {side.name: _observation_space(side) for side in sides}
-        self.action_spaces = {side.name: _action_space(side) for side in sides}
+        self.observation_spaces = {side.name: observation_space(side) for side in sides}
+        self.action_spaces = {side.name: action_space(side) for side in sides}
         self._seeded = False
 
     def observation_space(self, agent: str) -> Box:
@@ -154,7 +161,7 @@ class ParallelGameEnv(ParallelEnv[str, Array, Array]):
 
     def render(self) -> Array | None:
         """Picture of the state, (360, 640, 3) uint8, side 0 blue, side 1 red; see ``render_mode``."""
-        return _picture(self._game, 1, self.render_mode)
+        return None if self.render_mode is None else picture(self._game, 1)
 
     def close(self) -> None:
         """Release the game's resources."""
@@ -196,76 +203,43 @@ class OpponentInsideEnv(gymnasium.Env[Array, Any]):
         options: dict[str, Any] | None = None,
         render_mode: str | None = None,
     ):
-        import torch
+        from apil_core.games.vector import GameVectorEnv
 
-        from apil_core.games.two_players import TwoPlayerGames
-
-        _check_render_mode(render_mode)
+        self._batch = GameVectorEnv(
+            game,
+            opponent,
+            num_envs=1,
+            threads=1,
+            side=side,
+            sample=sample,
+            options=options,
+            render_mode=render_mode,
+        )
         self.render_mode = render_mode
-
-        self._torch = torch
-        self._game = _single_game(game, options)
-        if isinstance(game, str):
-            from apil_core.plugins.default_victim import default_victim
-            from apil_core.plugins.registry import default_plugins
-
-            plugins = default_plugins()
-            spec = plugins.game(game)
-            side = 1 - spec.victim_side if side is None else side
-            opponent = opponent or default_victim(spec, plugins) or None
-        self._side = 1 if side is None else side
-        self._opponent = self._load(opponent)
-        self._sample = sample
-        self._generator = torch.Generator()
-        own = self._game.layout.sides[self._side]
-        self.observation_space = _observation_space(own)
-        self.action_space = _action_space(own)
-        self._games = TwoPlayerGames(self._game)
-        self._seeded = False
-
-    def _load(self, opponent: Policy | str | None) -> Policy:
-        if opponent is None:
-            raise ConfigError("OpponentInsideEnv needs an opponent: a policy or the name of one")
-        if isinstance(opponent, str):
-            from apil_core.plugins.registry import load_policy
-            from apil_core.policies.loading import full_name
-
-            seat = self._game.layout.sides[1 - self._side]
-            return load_policy(full_name(opponent, seat), seat=seat)
-        return opponent
+        self.observation_space = self._batch.single_observation_space
+        self.action_space = self._batch.single_action_space
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
         """Start a new game; without a seed the random generators continue (initially seeded from entropy)."""
         super().reset(seed=seed)
-        if seed is not None or not self._seeded:
-            start = secrets.randbits(32) if seed is None else seed
-            self._game.seed(start)
-            self._generator.manual_seed(start)
-            self._opponent.seed(start)
-            self._seeded = True
-        self._games.reset()
-        return self._observation(), {}
+        observations, info = self._batch.reset(seed=seed)
+        return observations[0], info
 
     def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """One control step of both sides."""
-        with self._torch.no_grad():
-            view = self._games.view(1 - self._side)
-            decision = self._opponent.act(view, sample=self._sample, generator=self._generator)
-        own = self._torch.tensor(_row(action, self.action_space))
-        step = self._games.step({self._side: own, 1 - self._side: decision.action})
-        reward = float(step.sparse[self._side, 0] + step.dense[self._side, 0])
-        info = _info(self._game, step, self._side)
-        return self._observation(), reward, bool(step.done[0]), False, info
+        step = self._batch._advance(np.asarray(action)[None])
+        game, side = self._batch.game, self._batch.side
+        reward = float(step.sparse[side, 0] + step.dense[side, 0])
+        info = _info(game, step, side)
+        return game.observations[side][0].copy(), reward, bool(step.done[0]), False, info
 
     def render(self) -> Array | None:
         """Picture of the state, (360, 640, 3) uint8, opponent blue, caller red; see ``render_mode``."""
-        return _picture(self._game, self._side, self.render_mode)
+        pictures = self._batch.render()
+        return pictures[0] if pictures else None
 
     def close(self) -> None:
         """Release the game's resources."""
-        self._game.close()
-
-    def _observation(self) -> Array:
-        return self._game.observations[self._side][0].copy()
+        self._batch.close()
