@@ -49,7 +49,7 @@ _HOMES = {
     "apil_core.common.torch_threads": ("side_by_side",),
     "apil_core.api.types": ("Context", "Decision", "DiagonalGaussian", "Rollout", "StepBatch", "View"),
     "apil_core.api.policy": ("Policy", "PolicyInfo"),
-    "apil_core.api.method": ("Method", "MethodSetup", "Observer", "Run", "RunPlugin"),
+    "apil_core.api.method": ("Callback", "Method", "MethodSetup", "Observer", "Run", "RunPlugin"),
     "apil_core.training.networks": ("GaussianActor", "mlp"),
     "apil_core.training.normalize": ("ObservationNormalizer", "ReturnNormalizer", "RunningMoments"),
     "apil_core.training.returns": ("gae", "normalize_advantages"),
@@ -65,7 +65,14 @@ _HOMES = {
     "apil_core.api.profiles": ("ProfiledOptions",),
     "apil_core.evaluation.results": ("EvaluationResult",),
     "apil_core.evaluation.score": ("evaluate",),
+    "apil_core.config.resolve": ("_load_config",),
+    "apil_core.plugins.defined": ("define",),
     "apil_core.runs.runner": ("RunResult", "resume", "run"),
+    "apil_core.evaluation.crossplay.crossplay": ("crossplay",),
+    "apil_core.runs.retraining.retrain": ("retrain",),
+    "apil_core.runs.distillation.distill": ("distill",),
+    "apil_core.training.export.export": ("export",),
+    "apil_core.studies.loaded_run": ("LoadedRun", "Media", "load_run", "plot_runs"),
     "apil_core.plugins.registry": ("load_policy", "make_game"),
     "apil_core.policies.conformance": ("Conformance", "check_policy"),
     "apil_core.policies.network": ("NetworkShape", "PolicyNetwork"),
@@ -77,7 +84,7 @@ _HOMES = {
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
-__all__ = sorted([*_HOME_OF, "__version__"])
+__all__ = sorted([*(name for name in _HOME_OF if name[0] != "_"), "__version__"])
 
 
 def __getattr__(name: str) -> Any:
@@ -111,6 +118,7 @@ if TYPE_CHECKING:
     from apil_core.api.hook_api import Deprecation as Deprecation
     from apil_core.api.hooks import hookimpl as hookimpl
     from apil_core.api.hooks import hookspec as hookspec
+    from apil_core.api.method import Callback as Callback
     from apil_core.api.method import Method as Method
     from apil_core.api.method import MethodSetup as MethodSetup
     from apil_core.api.method import Observer as Observer
@@ -143,6 +151,8 @@ if TYPE_CHECKING:
     from apil_core.common.errors import VictimError as VictimError
     from apil_core.common.torch_threads import side_by_side as side_by_side
     from apil_core.common.trust import trust as trust
+    from apil_core.config.resolve import _load_config as _load_config
+    from apil_core.evaluation.crossplay.crossplay import crossplay as crossplay
     from apil_core.evaluation.results import EvaluationResult as EvaluationResult
     from apil_core.evaluation.score import evaluate as evaluate
     from apil_core.games.pettingzoo.options import PettingZooOptions as PettingZooOptions
@@ -151,6 +161,7 @@ if TYPE_CHECKING:
     from apil_core.games.vector import sb3_vec_env as sb3_vec_env
     from apil_core.games.views import OpponentInsideEnv as OpponentInsideEnv
     from apil_core.games.views import ParallelGameEnv as ParallelGameEnv
+    from apil_core.plugins.defined import define as define
     from apil_core.plugins.registry import load_policy as load_policy
     from apil_core.plugins.registry import make_game as make_game
     from apil_core.policies.conformance import Conformance as Conformance
@@ -161,9 +172,16 @@ if TYPE_CHECKING:
     from apil_core.policies.network import NetworkShape as NetworkShape
     from apil_core.policies.network import PolicyNetwork as PolicyNetwork
     from apil_core.policies.student import save_policy as save_policy
+    from apil_core.runs.distillation.distill import distill as distill
+    from apil_core.runs.retraining.retrain import retrain as retrain
     from apil_core.runs.runner import RunResult as RunResult
     from apil_core.runs.runner import resume as resume
     from apil_core.runs.runner import run as run
+    from apil_core.studies.loaded_run import LoadedRun as LoadedRun
+    from apil_core.studies.loaded_run import Media as Media
+    from apil_core.studies.loaded_run import load_run as load_run
+    from apil_core.studies.loaded_run import plot_runs as plot_runs
+    from apil_core.training.export.export import export as export
     from apil_core.training.networks import GaussianActor as GaussianActor
     from apil_core.training.networks import mlp as mlp
     from apil_core.training.normalize import ObservationNormalizer as ObservationNormalizer

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+if TYPE_CHECKING:
+    from apil_core.api.specs import MethodSpec
 
 SCHEMA_VERSION = 1
 """Raised when a config of this version could be misread by older code."""
@@ -205,6 +209,33 @@ class RunConfig(Section):
     """Run directory to initialise from, or policy (zoo:…, run:…) to clone first."""
     init_steps: Annotated[int, Field(gt=0)] = 200_000
     """Environment steps of the budget in which a policy named by init_from is cloned and its value learnt."""
+
+    @classmethod
+    def load(
+        cls,
+        source: Path | str | None = None,
+        /,
+        *,
+        presets: Sequence[str] = (),
+        method: str | type | MethodSpec = "",
+        **settings: Any,
+    ) -> RunConfig:
+        """Read and check a configuration, every option of its method and game filled in.
+
+        Args:
+            source: a preset's name, a YAML file, or a run directory to copy the settings of.
+            presets: names of presets below it, the later ones on top.
+            method: name, or a class of this session (see :func:`apil_core.define`).
+            settings: on top, by key: ``steps="1M"``, ``ppo={"gamma": 0.995}``, or with dots in
+                ``**{"ppo.gamma": 0.995}``; ``physics`` is short for ``game.physics``. A policy is its name
+                or the object.
+
+        Raises:
+            ApilError: one line per mistake, with the nearest known name.
+        """
+        from apil_core import _load_config  # a layer above: this class is data only
+
+        return _load_config(source, presets, {**settings, **({"method": method} if method else {})})
 
     @model_validator(mode="after")
     def _batch_divides(self) -> RunConfig:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import torch
+
+from apil_core.api.hooks import PROJECT, hookimpl
+from apil_core.api.hookspecs import RunHooks
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -85,6 +89,25 @@ class Observer(RunPlugin):
     """
 
 
+class Callback(Observer):
+    """An observer that is made by hand for one run: ``run(config, callbacks=[MyCallback()])``.
+
+    Override any of the hooks of a run (docs/hooks.md), without ``@hookimpl``, with only the arguments it
+    needs; ``run.stop()`` ends training. A callback that takes part (observations, rewards, advantages,
+    auxiliary models) is stored with the run under its class's name, and without it the run is neither
+    resumed nor evaluated; one that only watches is not.
+    """
+
+    def __init_subclass__(cls, **kwargs: Any):
+        super().__init_subclass__(**kwargs)
+        for name in vars(RunHooks).keys() & vars(cls).keys():
+            if inspect.isfunction(function := vars(cls)[name]) and not hasattr(function, f"{PROJECT}_impl"):
+                hookimpl(function)
+
+    def __init__(self) -> None:
+        """Take neither options nor a setup: those are a run's."""
+
+
 class Run(Protocol):
     """The run's interface for hooks.
 
@@ -114,7 +137,7 @@ class Run(Protocol):
         """Environment steps collected so far."""
         ...
 
-    def stop(self, reason: str) -> None:
+    def stop(self, reason: str = "asked by a hook") -> None:
         """End training after this iteration, as if the budget were used up; the ``reason`` is stored."""
         ...
 

@@ -33,25 +33,29 @@ class RewardWeights:
     anneal_fraction: float = 0.0
 
 
+Reference = str | type
+"""What a spec names: a lazy ``"module:attribute"``, or in a notebook the class itself."""
+
+
 @dataclass(frozen=True)
 class MethodSpec:
     """An attack method.
 
     Attributes:
         name: what ``--method`` takes.
-        factory: ``"module:Class"`` of a :class:`apil_core.Method`.
+        factory: ``"module:Class"``, or the class, of a :class:`apil_core.Method`.
         summary: one line for ``apil methods``.
         requires: methods whose hooks must be registered before this one's.
-        config: ``"module:Model"``, the pydantic model of its options, or ``None``.
+        config: ``"module:Model"``, or the class: the pydantic model of its options, or ``None``.
         hookspecs: ``"module"`` with ``@hookspec`` functions this method opens to others, or ``None``.
         reference: the paper.
     """
 
     name: str
-    factory: str
+    factory: Reference
     summary: str = ""
     requires: tuple[str, ...] = ()
-    config: str | None = None
+    config: Reference | None = None
     hookspecs: str | None = None
     reference: str = ""
 
@@ -62,16 +66,16 @@ class ObserverSpec:
 
     Attributes:
         name: what the key ``observers`` and ``apil eval --observer`` take.
-        factory: ``"module:Class"`` of an :class:`apil_core.Observer`.
+        factory: ``"module:Class"``, or the class, of an :class:`apil_core.Observer`.
         summary: one line for ``apil observers``.
-        config: ``"module:Model"``, the pydantic model of its options, or ``None``.
+        config: ``"module:Model"``, or the class: the pydantic model of its options, or ``None``.
         reference: the paper.
     """
 
     name: str
-    factory: str
+    factory: Reference
     summary: str = ""
-    config: str | None = None
+    config: Reference | None = None
     reference: str = ""
 
 
@@ -239,16 +243,18 @@ def foreign_code() -> Iterator[None]:
         raise PluginError(f"{type(error).__name__}: {reason}") from error
 
 
-def load(reference: str, whose: str = "") -> Any:
+def load(reference: Reference, whose: str = "") -> Any:
     """Resolve ``"module:attribute"`` (or ``"module"``).
 
     Args:
-        reference: what to load.
+        reference: what to load; a class is returned as it is.
         whose: start of the error message, e.g. ``"method 'apil'"``.
 
     Raises:
         PluginError: the module does not import or has no such attribute.
     """
+    if not isinstance(reference, str):
+        return reference
     module_name, _, attribute = reference.partition(":")
     try:
         with foreign_code():
@@ -269,7 +275,7 @@ def _graphics_hint(error: BaseException) -> str:
     return f" (MUJOCO_GL is set to {asked!r}: install that OpenGL, or unset it)"
 
 
-def options_model(reference: str, whose: str = "") -> type[BaseModel]:
+def options_model(reference: Reference, whose: str = "") -> type[BaseModel]:
     """The pydantic model a spec names.
 
     Args:

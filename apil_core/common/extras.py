@@ -10,6 +10,7 @@ from apil_core.common.errors import ApilError
 _EXTRAS = {
     "av": ("PyAV", "videos", "video"),
     "matplotlib": ("matplotlib", "charts", "report"),
+    "pandas": ("pandas", "frames of metrics and scores", "notebook"),
     "onnxruntime": ("onnxruntime", "ONNX policies", "onnx"),
     "ray": ("ray", "Ray clusters", "ray"),
     "sklearn": ("scikit-learn", "analyses of activations", "analysis"),

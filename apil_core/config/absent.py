@@ -11,8 +11,8 @@ from pydantic import BaseModel
 from pydantic_core import to_jsonable_python
 
 from apil_core.api.config import Absent, RunConfig
-from apil_core.api.specs import RunPluginSpec, options_model
-from apil_core.common.errors import ApilError
+from apil_core.api.specs import Reference, RunPluginSpec, options_model
+from apil_core.common.errors import ApilError, ConfigError, suggest
 from apil_core.config.layers import texts_in
 from apil_core.plugins.discovery import PluginRegistry
 
@@ -55,7 +55,21 @@ def read_stored(data: Mapping[str, Any], plugins: PluginRegistry, model: type[Mo
 
 
 def completed(config: RunConfig, plugins: PluginRegistry) -> RunConfig:
-    """A stored config with what plugins that the run names itself (one-file ones) have added since."""
+    """A stored config with what plugins that the run names itself (one-file ones) have added since.
+
+    Raises:
+        ConfigError: its method, or one of its observers, is not known here.
+    """
+    for kind, names, known in (
+        ("method", (config.method,), list(plugins.methods)),
+        ("observer", config.observers, plugins.observer_names()),
+    ):
+        for name in names:
+            if name not in known:
+                raise ConfigError(
+                    f"the run's {kind} {name!r} is not known here{suggest(name, known)}: install its plugin, "
+                    "or in Python pass its class (apil_core.define) or callback again"
+                )
     return read_stored(config.model_dump(mode="json"), plugins, RunConfig)
 
 
@@ -80,7 +94,7 @@ def _parts(data: Mapping[str, Any], plugins: PluginRegistry) -> tuple[RunPluginS
     return ()
 
 
-def _fill(sections: dict[str, Any], name: str, reference: str | None) -> None:
+def _fill(sections: dict[str, Any], name: str, reference: Reference | None) -> None:
     """Fill the section of that name, absent or empty ones too, by the model that a spec refers to."""
     section = {} if sections.get(name) is None else sections[name]
     if reference is not None and isinstance(section, Mapping):

@@ -16,7 +16,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from apil_core.api.config import SCHEMA_VERSION, RunConfig
-from apil_core.api.specs import GameSpec, RunPluginSpec, titled
+from apil_core.api.specs import GameSpec, MethodSpec, RunPluginSpec, titled
 from apil_core.common.documents import plain
 from apil_core.common.errors import ConfigError, suggest
 from apil_core.config.absent import read_stored, with_absent
@@ -30,6 +30,7 @@ from apil_core.config.layers import (
     located,
     merge,
     preset_layer,
+    preset_names,
     set_layer,
     texts_in,
 )
@@ -37,6 +38,7 @@ from apil_core.config.problems import Problem, problems_of, raise_problems, unkn
 from apil_core.config.schema import full_model
 from apil_core.config.yaml import dump_yaml as dump_yaml
 from apil_core.plugins.default_victim import default_victim
+from apil_core.plugins.defined import as_text, define
 from apil_core.plugins.discovery import PluginRegistry
 
 _IDENTITY = ("version", "method", "env", "victim", "steps", "num_envs", "seed", "reward", "ppo", "options")
@@ -134,6 +136,21 @@ def complete(config: RunConfig, plugins: PluginRegistry) -> RunConfig:
     data["plugins"] = [str(Path(path).resolve()) for path in config.plugins]
     data["init_from"] = located(config.init_from, Path())
     return resolve_layers([Layer(data, {(key,): "RunConfig" for key in data})], plugins)
+
+
+def _load_config(source: Path | str | None, presets: Sequence[str], settings: Mapping[str, Any]) -> RunConfig:
+    """See :meth:`apil_core.RunConfig.load`."""
+    from apil_core.plugins.registry import plugins_with
+
+    values = {"game.physics" if key == "physics" else key: as_text(value) for key, value in settings.items()}
+    if isinstance(values.get("method", ""), (type, MethodSpec)):
+        values["method"] = define(values["method"])[0]
+    if isinstance(source, str) and source in preset_names():
+        presets, source = [*presets, source], None
+    layer = flag_layer(values)
+    layer.origins = dict.fromkeys(layer.origins, "RunConfig.load")
+    layers = [*gather(None if source is None else Path(source), presets), layer]
+    return resolve_layers(layers, plugins_with(plugin_files(layers)))
 
 
 def load_resolved(path: Path) -> RunConfig:

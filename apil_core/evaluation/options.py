@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, InstanceOf, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, InstanceOf, ValidationError, model_validator
 
 from apil_core.api.config import ActionMode, BlindMode, RunConfig, Section
 from apil_core.api.profiles import Profile
 from apil_core.common.errors import ConfigError
 from apil_core.config.problems import Problem, problems_of
+from apil_core.plugins.defined import as_text
 from apil_core.plugins.discovery import PluginRegistry
 
 
@@ -49,7 +50,7 @@ class PairingOptions(OptionSet):
 
     env: str | None = None
     """Game; needed unless ADVERSARY is a run [default: the run's]."""
-    victim: str | None = None
+    victim: Annotated[str | None, BeforeValidator(as_text)] = None
     """Policy it plays against, named like ADVERSARY [default: the run's victim, else the game's]."""
     victim_seat: Literal[0, 1] | None = None
     """Side of the victim, where the adversary is no run [default: the game's]."""

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -23,6 +22,7 @@ from apil_core.config.observers import about, with_observers
 from apil_core.evaluation.options import PairingOptions
 from apil_core.evaluation.play import Players, Seat
 from apil_core.evaluation.results import PolicyId, observers_played
+from apil_core.plugins.defined import PolicyLike, policy_name
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.registry import make_game, plugins_with
@@ -128,11 +128,11 @@ class Pairing:
         self.close()
 
 
-def load_pairing(adversary: Path | str, options: PairingOptions | None = None, **changes: Any) -> Pairing:
+def load_pairing(adversary: PolicyLike, options: PairingOptions | None = None, **changes: Any) -> Pairing:
     """Load an adversary, its victim and their game.
 
     Args:
-        adversary: a run (``DIR`` or ``run:DIR``), or a policy name such as
+        adversary: a run (``DIR`` or ``run:DIR``), a policy, or its name such as
             ``"zoo:kick-and-defend/defender/v1"``; ``"random"`` and ``"zero"`` do for either player.
         options: default: none. ``sets`` take precedence for the game; ``physics`` hides single values of a
             run's physics (``solver``, …); ``num_envs`` is 1 by default.
@@ -143,6 +143,7 @@ def load_pairing(adversary: Path | str, options: PairingOptions | None = None, *
     """
     options = PairingOptions.of(options, **changes) if changes or options is None else options
     check_device(options.device)
+    adversary = policy_name(adversary)
     source, stored = _stored(adversary, options)
     plugins = options.plugins or _plugins([stored, *_victims_config(options.victim)], options.plugin_files)
     about_observers, others = about(options.observers, options.sets)
@@ -156,7 +157,7 @@ def load_pairing(adversary: Path | str, options: PairingOptions | None = None, *
     envs, threads = options.num_envs or 1, options.threads
     game = make_game(config.env, num_envs=envs, threads=threads, options=config.game, plugins=plugins)
     try:
-        return _seated(source or str(adversary), config, game, plugins, options)
+        return _seated(source or adversary, config, game, plugins, options)
     except BaseException:
         game.close()
         raise
@@ -187,7 +188,7 @@ def _victims_config(victim: str | None) -> list[RunConfig]:
     return [] if path is None else [RunCheckpoint.find(path).run_dir.config()]
 
 
-def _stored(adversary: Path | str, options: PairingOptions) -> tuple[RunCheckpoint | None, RunConfig]:
+def _stored(adversary: str, options: PairingOptions) -> tuple[RunCheckpoint | None, RunConfig]:
     """The run behind ``adversary`` and its settings; for a policy name none, and those it plays with."""
     path, env, like = run_path(adversary), options.env, options.like
     if path is not None:
@@ -198,7 +199,7 @@ def _stored(adversary: Path | str, options: PairingOptions) -> tuple[RunCheckpoi
         return source, config
     if options.checkpoint_path is not None:
         raise ConfigError(f"{adversary} is no run: there is no checkpoint to choose")
-    if ":" not in str(adversary) and str(adversary) not in BASELINES:
+    if ":" not in adversary and adversary not in BASELINES:
         raise RunDirError(f"{adversary} is neither a run directory nor a policy name like zoo:GAME/ROLE/v1")
     if like is not None and env in (None, like.env):
         return None, like

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
 from apil_core.api.config import BlindMode
@@ -17,6 +16,7 @@ from apil_core.evaluation.pairing import Pairing, load_pairing
 from apil_core.evaluation.play import EpisodeCounts, play
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult, wilson
+from apil_core.plugins.defined import PolicyLike
 
 MAX_PARALLEL_GAMES = 128
 """Default number of parallel games of an evaluation; fixed, so that a seed gives the same games anywhere."""
@@ -84,7 +84,7 @@ def _rates(counts: EpisodeCounts, game: Game, adversary_side: int) -> dict[str, 
 
 
 def evaluate(
-    adversary: Path | str,
+    adversary: PolicyLike,
     options: PairingOptions | None = None,
     *,
     progress: Progress | None = None,
@@ -93,7 +93,7 @@ def evaluate(
     """Score an adversary against a victim.
 
     Args:
-        adversary: a run directory, or a policy name such as ``"zoo:kick-and-defend/defender/v1"``.
+        adversary: a run directory, a policy, or its name such as ``"zoo:kick-and-defend/defender/v1"``.
         options: see :class:`.evaluation.options.EvaluationOptions`; default: none.
         progress: called as games end.
         changes: single options, over ``options``: ``episodes`` (1000), ``seed`` (0), ``env``, ``victim``,

@@ -32,6 +32,7 @@ from apil_core.api.specs import (
 )
 from apil_core.common.errors import PluginError, UnknownNameError
 from apil_core.common.trust import check
+from apil_core.plugins.defined import ORIGIN, defined
 from apil_core.plugins.validation import register, unmarked
 
 ENTRY_POINT_GROUP = "apil"
@@ -83,6 +84,8 @@ class PluginRegistry:
     policies: dict[str, PolicySpec] = field(default_factory=dict)
     recorders: dict[str, RecorderSpec] = field(default_factory=dict)
     modules: dict[str, Any] = field(default_factory=dict)
+    watchers: dict[str, Any] = field(default_factory=dict)
+    """Callbacks of one run that only watch it."""
 
     def add(self, record: PluginRecord, plugin: Any) -> None:
         """Register the specs of ``plugin``, or record the error."""
@@ -260,7 +263,7 @@ def _check_fields(spec: Any, name: object) -> None:
 
 
 def discover(files: Sequence[str | Path] = (), *, forgiving: bool = False) -> PluginRegistry:
-    """Find all plugins: entry points of group ``apil``, then one-file plugins.
+    """Find all plugins: entry points of group ``apil``, those of this process, then one-file plugins.
 
     A plugin that fails is recorded with its error and left out; ``APIL_STRICT_PLUGINS=1`` raises.
 
@@ -282,6 +285,12 @@ def discover(files: Sequence[str | Path] = (), *, forgiving: bool = False) -> Pl
                 plugin = entry_point.load()
         except Exception as error:
             registry.add_failure(record, error, entry_point.module)
+        else:
+            registry.add(record, plugin)
+    for name, plugin in defined.items():
+        record = PluginRecord(name, "", ORIGIN)
+        if any(r.name == name for r in registry.records):
+            registry.add_failure(record, PluginError(f"a plugin named {name!r} exists already"))
         else:
             registry.add(record, plugin)
     # a run names its files, and a flag may name the same one again

@@ -6,7 +6,16 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from apil_core.api.game import Game, SideLayout
-from apil_core.api.specs import GameSpec, MethodSpec, ObserverSpec, RunPluginSpec, load, titled, wanted_of
+from apil_core.api.specs import (
+    GameSpec,
+    MethodSpec,
+    ObserverSpec,
+    Reference,
+    RunPluginSpec,
+    load,
+    titled,
+    wanted_of,
+)
 from apil_core.common.errors import (
     FAILURES,
     ApilError,
@@ -16,6 +25,7 @@ from apil_core.common.errors import (
     VictimError,
 )
 from apil_core.common.trust import check
+from apil_core.plugins.defined import defined
 from apil_core.plugins.discovery import PluginRegistry, discover
 
 if TYPE_CHECKING:
@@ -24,15 +34,15 @@ if TYPE_CHECKING:
     from apil_core.api.method import Method, MethodSetup, Observer
     from apil_core.api.policy import Policy
 
-_default: PluginRegistry | None = None
+_default: tuple[PluginRegistry, dict[str, Any]] | None = None
 
 
 def default_plugins() -> PluginRegistry:
-    """The installed plugins, found once per process."""
+    """The installed plugins and this process's, found once until another is defined."""
     global _default
-    if _default is None:
-        _default = discover()
-    return _default
+    if _default is None or _default[1] != defined:
+        _default = discover(), dict(defined)
+    return _default[0]
 
 
 def plugins_with(files: Sequence[str]) -> PluginRegistry:
@@ -53,7 +63,7 @@ def game_spec(name: str, plugins: PluginRegistry | None = None) -> GameSpec:
     return (plugins or default_plugins()).game(name)
 
 
-def options_model(reference: str | None, values: Mapping[str, Any], where: str) -> BaseModel | None:
+def options_model(reference: Reference | None, values: Mapping[str, Any], where: str) -> BaseModel | None:
     """Validate ``values`` with the pydantic model a spec names.
 
     Raises:

@@ -29,4 +29,9 @@ def register_policies() -> list[PolicySpec]:
             loader="apil_core.policies.baseline:load",
             summary="agents that see nothing: random/OxA and zero/OxA (O observations, A actions)",
         ),
+        PolicySpec(
+            scheme="object",
+            loader="apil_core.plugins.defined:load",
+            summary="policy objects of this Python process, named by the functions that take them",
+        ),
     ]

@@ -11,14 +11,17 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from apil_core.api.config import RunConfig
+from apil_core.api.method import Callback, Method
 from apil_core.api.policy import Policy
-from apil_core.api.specs import load
+from apil_core.api.specs import MethodSpec, load
 from apil_core.common.errors import ConfigError, RunDirError, UnknownNameError
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.config.absent import completed
 from apil_core.config.layers import POLICY_NAME
 from apil_core.config.resolve import complete
 from apil_core.evaluation.progress import Progress
+from apil_core.plugins.callbacks import with_callbacks
+from apil_core.plugins.defined import define
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import plugins_with
 from apil_core.runs.session import RunResult as RunResult
@@ -43,7 +46,9 @@ _SHAPE = ("hidden", "action_unit", "critic_observes")
 def run(
     config: RunConfig,
     *,
-    out: Path | None = None,
+    out: Path | str | None = None,
+    methods: Sequence[type[Method] | MethodSpec] = (),
+    callbacks: Sequence[Callback] = (),
     progress: Progress | None = None,
     command: Sequence[str] = (),
     plugins: PluginRegistry | None = None,
@@ -55,6 +60,9 @@ def run(
     Args:
         config: see :class:`apil_core.RunConfig`.
         out: run directory; default ``runs/<env>/<method>/<time>-s<seed>``.
+        methods: classes of this session (see :func:`apil_core.define`), required ones first. The last is
+            trained, unless ``config.method`` names another of them.
+        callbacks: see :class:`apil_core.Callback`.
         progress: gets iterations, scores and notes.
         command: stored for reproducibility.
         plugins: registry to use; default: the installed ones and ``config.plugins``.
@@ -62,13 +70,16 @@ def run(
     Raises:
         ApilError: anything wrong in config, plugins, weights or directory, before training starts.
     """
-    registry = plugins or plugins_with(config.plugins)
+    config = _trained_by(config, define(*methods))
+    registry, acting = with_callbacks(lambda: plugins or plugins_with(config.plugins), callbacks)
+    config = config.model_copy(update={"observers": (*config.observers, *acting)})
     # settings copied from another run bring the hash of that one's victim along
     config = complete(config, registry).model_copy(update={"victim_sha256": ""})
     with joined(config.device) as world:
         trainer, teacher = prepared(config, registry, world)
         trainer.start_equal()
-        made = RunDir.create(trainer.config, out, command, registry).path if world.is_main else None
+        place = None if out is None else Path(out)
+        made = RunDir.create(trainer.config, place, command, registry).path if world.is_main else None
         run_dir = RunDir(world.share(made) or "")
         with _held(run_dir, world):
             return Session(trainer, run_dir, progress or Progress(), registry).run(teacher)
@@ -95,6 +106,8 @@ def resume(
     steps: int | None = None,
     checkpoint_path: Path | None = None,
     threads: int | None = None,
+    methods: Sequence[type[Method] | MethodSpec] = (),
+    callbacks: Sequence[Callback] = (),
     progress: Progress | None = None,
     command: Sequence[str] = (),
 ) -> RunResult:
@@ -106,6 +119,7 @@ def resume(
         checkpoint_path: continue from this one instead of the newest (later metrics are dropped); ``best``
             is the one that won most in evaluations during training.
         threads: of physics, and of the update (two at most), for this session; never changes results.
+        methods, callbacks: those of the run that are classes and objects of a Python session.
         progress: gets iterations, scores and notes.
         command: stored in ``environment.json``.
 
@@ -114,7 +128,8 @@ def resume(
     """
     directory = RunDir(run_dir)
     stored = directory.config()
-    registry = plugins_with(stored.plugins)
+    define(*methods)
+    registry, _ = with_callbacks(lambda: plugins_with(stored.plugins), callbacks)
     stored = completed(stored, registry)
     with joined(stored.device) as world, _held(directory, world):
         path = world.share(directory.checkpoint(checkpoint_path))
@@ -145,6 +160,13 @@ def resume(
             _note_changed_schedules(trainer, progress)
         log, scores = state.get("pending_rows", ()), state.get("evaluations", ())
         return Session(trainer, directory, progress, registry, log, scores).run()
+
+
+def _trained_by(config: RunConfig, methods: Sequence[str]) -> RunConfig:
+    """``config`` for the last of these methods, unless it names one of them already."""
+    if not methods or config.method in methods:
+        return config
+    return config.model_copy(update={"method": methods[-1], "options": {}})
 
 
 @contextmanager

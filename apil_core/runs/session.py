@@ -54,6 +54,10 @@ class RunResult(BaseModel):
     """The evaluation during training that won most (``steps``, ``games``, ``wins``, ``low``), if any."""
     evaluation: EvaluationResult | None = None
 
+    def __fspath__(self) -> str:
+        """The run's directory: a result may stand wherever one does."""
+        return str(self.run_dir)
+
 
 class Session:
     """A run between start and finish, Ctrl-C or crash.

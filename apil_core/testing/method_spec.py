@@ -15,7 +15,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from apil_core.api.method import Method
-from apil_core.api.specs import load, options_model
+from apil_core.api.specs import Reference, load, options_model
 from apil_core.common.errors import PluginError
 from apil_core.plugins.check import uninitialised
 from apil_core.plugins.discovery import PluginRegistry
@@ -96,13 +96,13 @@ def _heavy_imports(module: str) -> tuple[str, ...]:
     return tuple(done.stdout.split())
 
 
-def check_options(who: str, check: Check, reference: str | None) -> None:
+def check_options(who: str, check: Check, reference: Reference | None) -> None:
     """Check the options model: unknown keys, docstrings, defaults, JSON."""
     if reference is None:
         return
     with reported_as(who, check):
         model = options_model(reference)
-    for name, section in _sections(reference, model):
+    for name, section in _sections(str(reference), model):
         if section.model_config.get("extra") != "forbid":
             raise ContractError(who, check, f"{name} takes unknown keys; derive it from apil_core.Section")
         for key, field in section.model_fields.items():

@@ -76,7 +76,7 @@ def build_hooks(
     for name in observers:
         if name in methods:
             raise PluginError(f"observers: {name!r} is already part of method {config.method!r}")
-    hooks = manager(chain, {**methods, **observers})
+    hooks = manager(chain, {**methods, **observers, **plugins.watchers})
     hooks.device = setup.device
     return methods, hooks
 

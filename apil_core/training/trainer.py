@@ -189,9 +189,9 @@ class Trainer:
         # as in the published code: the share of the budget left at the start of the iteration
         return ppo.learning_rate * max(1.0 - self._begun_at / self.total_steps, 0.0)
 
-    def stop(self, reason: str) -> None:
+    def stop(self, reason: str = "asked by a hook") -> None:
         """See :meth:`apil_core.Run.stop`."""
-        self.stopped = self.stopped or reason or "somebody asked for it"
+        self.stopped = self.stopped or reason
 
     def collect(self, victim_side_policy: Policy, steps: int) -> Rollout:
         """See :meth:`apil_core.Run.collect`."""

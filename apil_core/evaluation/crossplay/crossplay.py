@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from datetime import datetime
 from pathlib import Path
@@ -12,16 +12,17 @@ from typing import Any
 from apil_core.common.errors import ConfigError
 from apil_core.evaluation.crossplay.document import CrossPlay
 from apil_core.evaluation.crossplay.file import CrossPlayFile
-from apil_core.evaluation.crossplay.players import Names, Participants, check_unchanged, load_all
+from apil_core.evaluation.crossplay.players import Participants, check_unchanged, load_all
 from apil_core.evaluation.options import PairingOptions
 from apil_core.evaluation.progress import PartOfAll, Progress
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.evaluation.score import MAX_PARALLEL_GAMES, evaluate
+from apil_core.plugins.defined import PolicyLike, named
 
 
 def crossplay(
-    adversaries: Names,
-    victims: Names,
+    adversaries: Mapping[str, PolicyLike],
+    victims: Mapping[str, PolicyLike],
     options: PairingOptions | None = None,
     *,
     episodes: int = 300,
@@ -33,7 +34,7 @@ def crossplay(
     """Score every adversary against every victim. All are loaded and checked before the first game.
 
     Args:
-        adversaries, victims: runs or policy names by label, e.g.
+        adversaries, victims: runs, policies or their names by label, e.g.
             ``{"baseline": "zoo:kick-and-defend/defender/v1", "e_apil": "runs/a"}``.
         options: of all pairings: :class:`.evaluation.options.PairingOptions`. ``seed`` is the same for all
             pairings, and the same as of :func:`evaluate`; ``num_envs`` (part of what a seed means) is 128
@@ -47,6 +48,7 @@ def crossplay(
     Raises:
         ApilError: names, files or sizes are wrong, or ``out`` has other games.
     """
+    adversaries, victims = named(adversaries), named(victims)
     if episodes < 1:
         raise ConfigError(f"episodes must be at least 1, got {episodes}")
     asked = PairingOptions.of(options, **changes)
@@ -63,7 +65,7 @@ def crossplay(
             score = evaluate(
                 list(adversaries.values())[i],
                 participants.options,
-                victim=str(list(victims.values())[j]),
+                victim=list(victims.values())[j],
                 episodes=episodes,
                 progress=PartOfAll(progress, number * episodes, len(rest) * episodes),
             )

@@ -15,13 +15,14 @@ from apil_core.common.torch_threads import one_torch_thread
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.evaluation.score import MAX_PARALLEL_GAMES
+from apil_core.plugins.defined import as_text
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import default_plugins, make_game
 from apil_core.policies.frozen_policy import FrozenPolicy
 from apil_core.policies.network import Standardizer
 from apil_core.policies.student import load_file, save_policy, weights_sha256
 from apil_core.runs.distillation.build import Setting, named, prepare
-from apil_core.runs.distillation.config import DistillConfig
+from apil_core.runs.distillation.config import DistillConfig, settings
 from apil_core.runs.distillation.distill_dir import DistillDir
 from apil_core.runs.distillation.learner import Block
 from apil_core.runs.distillation.report import Report, make_report, score_of
@@ -33,31 +34,34 @@ OnStage = Callable[[Entry, int], None]
 
 
 def distill(
-    config: DistillConfig,
+    config: DistillConfig | None = None,
     *,
-    out: Path,
+    out: Path | str,
     progress: Progress | None = None,
     on_stage: OnStage | None = None,
     command: Sequence[str] = (),
     plugins: PluginRegistry | None = None,
+    **changes: Any,
 ) -> Report:
     """Train a compact student of a policy and score both against the same opponent.
 
     Args:
-        config: see :class:`DistillConfig`.
+        config: the settings; default: of ``changes``.
         out: directory for everything; must not exist or be empty.
         progress: gets the number of games scored.
         on_stage: called after each stage with its log entry and the number of stages.
         command: stored for reproducibility.
         plugins: registry to use; default: the installed ones.
+        changes: settings by key, as ``apil distill`` has them: ``env``, ``role``, ``teacher``, ``steps``, …
 
     Raises:
         ApilError: anything wrong in settings, weights or directory, before anything is played.
     """
     registry = plugins or default_plugins()
+    config = config or settings({key: as_text(value) for key, value in changes.items()}, plugins=registry)
     setting = prepare(named(config, registry), registry)
     try:
-        directory = DistillDir.begin(out, setting.config, command)
+        directory = DistillDir.begin(Path(out), setting.config, command)
         with directory.lock():
             return _go(setting, directory, progress or Progress(), on_stage, registry)
     finally:

@@ -9,6 +9,7 @@ from typing import Any
 from apil_core.common.errors import RunDirError
 from apil_core.config.absent import with_absent
 from apil_core.evaluation.progress import Progress
+from apil_core.plugins.defined import PolicyLike, as_text, policy_name
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import plugins_with
 from apil_core.runs.retraining.build import prepare
@@ -16,6 +17,7 @@ from apil_core.runs.retraining.config import VERSION, RetrainConfig
 from apil_core.runs.retraining.folder import RetrainDir
 from apil_core.runs.retraining.scoring import RetrainResult
 from apil_core.runs.retraining.session import RetrainSession
+from apil_core.runs.retraining.settings import settings
 from apil_core.runs.runner import changed, check_unfinished
 from apil_core.training.distributed.world import ALONE
 from apil_core.training.storage import checkpoint
@@ -28,28 +30,33 @@ _BY_HASH = ("victim", "adversaries", "baseline")
 
 
 def retrain(
-    config: RetrainConfig,
+    config: RetrainConfig | Sequence[PolicyLike],
     *,
-    out: Path | None = None,
+    out: Path | str | None = None,
     progress: Progress | None = None,
     command: Sequence[str] = (),
     plugins: PluginRegistry | None = None,
+    **changes: Any,
 ) -> RetrainResult:
-    """Harden a victim with ``config``, checkpointing on the way, and score it at the end.
+    """Harden a victim against adversaries, checkpointing on the way, and score it at the end.
 
     Args:
-        config: as :func:`apil_core.runs.retraining.settings.settings` gives it.
+        config: the adversaries, runs first; or the settings, complete.
         out: directory; default ``runs/<env>/retrain/<opponents>/<time>-s<seed>``.
         progress: gets iterations, scores and notes.
         command: stored for reproducibility.
         plugins: registry to use; default: the installed ones and ``config.plugins``.
+        changes: settings by key, as ``apil retrain`` has them: ``steps``, ``victim``, ``adversary_share``, …
 
     Raises:
         ApilError: anything wrong in settings, weights or directory, before anything is played.
     """
+    if not isinstance(config, RetrainConfig):
+        values = {key: as_text(value) for key, value in changes.items()}
+        config = settings([policy_name(each) for each in config], values, plugins=plugins)
     registry = plugins or plugins_with(config.plugins)
     setting = prepare(config, registry)
-    directory = RetrainDir.begin(setting.config, out, command)
+    directory = RetrainDir.begin(setting.config, None if out is None else Path(out), command)
     with directory.lock():
         return RetrainSession(setting, directory, progress or Progress(), registry).retrain()
 

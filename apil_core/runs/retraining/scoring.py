@@ -79,3 +79,7 @@ class RetrainResult(BaseModel):
     shares: dict[str, float]
     before: dict[str, EvaluationResult] = {}
     after: dict[str, EvaluationResult] = {}
+
+    def __fspath__(self) -> str:
+        """The directory: a result may stand wherever the hardened victim's name does."""
+        return str(self.directory)

@@ -11,6 +11,7 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import metadata
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Literal
 
@@ -65,9 +66,9 @@ class Exported:
 
 
 def export(
-    run: Path | str,
+    run: PathLike[str] | str,
     format: Format,
-    out: Path | None = None,
+    out: Path | str | None = None,
     *,
     checkpoint_path: Path | None = None,
     plugin_files: tuple[str, ...] = (),
@@ -87,11 +88,11 @@ def export(
         ApilError: there is no such run, the file exists, the run cannot be expressed in that format, or the
             file's actions differ from the run's (the file is then deleted).
     """
-    path = run_path(run)
+    path = run_path(fspath(run))
     if path is None:
         raise ConfigError(f"{run} is no run directory; apil export takes what `apil run` wrote")
     source = RunCheckpoint.find(path, checkpoint_path)
-    out = (out or source.run_dir.path / f"adversary{SUFFIXES[format]}").absolute()
+    out = Path(out or source.run_dir.path / f"adversary{SUFFIXES[format]}").absolute()
     if out.is_dir() or not out.parent.is_dir():
         raise ConfigError(
             f"--out {out}: {'is a directory' if out.is_dir() else f'no directory {out.parent}'}"
