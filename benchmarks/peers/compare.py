@@ -27,7 +27,7 @@ from task import Contestant, Task, victim_of
 from apil_core.common.errors import ApilError
 from apil_core.training.storage.environment import environment
 
-SB3 = ("dummy:8", f"subproc:{os.cpu_count()}", "subproc:8")
+SB3 = ("dummy:8", f"subproc:{os.cpu_count()}", "subproc:8", "batch:128")
 """Vectorisations tried by default."""
 
 
@@ -54,7 +54,13 @@ def _parser() -> argparse.ArgumentParser:
     add("--physics", choices=("faithful", "fast"), help="short for --game '{\"physics\": ...}'")
     add("--game", type=json.loads, default={}, metavar="JSON", help="options of the game")
     add("--methods", nargs="*", default=["adrl", "e_apil"], help="ours")
-    add("--sb3", nargs="*", default=list(dict.fromkeys(SB3)), metavar="KIND:GAMES", help="dummy or subproc")
+    add(
+        "--sb3",
+        nargs="*",
+        default=list(dict.fromkeys(SB3)),
+        metavar="KIND:GAMES",
+        help="dummy, subproc or batch",
+    )
     add("--no-rsl-rl", action="store_true", help="leave its runner out")
     add("--seconds", type=float, default=600, help="for all rounds; at least two are played")
     add("--block", type=float, default=3, help="least seconds of a block; whole iterations count")

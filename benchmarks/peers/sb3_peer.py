@@ -1,4 +1,4 @@
-"""Stable-Baselines3's PPO on our Gymnasium view, each game an environment with the victim inside."""
+"""Stable-Baselines3's PPO on our views, the victim inside: an environment per game, or a batch."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
 from task import Task
 
-from apil_core import ConfigError, OpponentInsideEnv
+from apil_core import ConfigError, GameVectorEnv, OpponentInsideEnv, sb3_vec_env
 
 
 def make_env(task: Task) -> gymnasium.Env[Any, Any]:
@@ -24,17 +24,20 @@ def make_env_of_worker(task: Task) -> gymnasium.Env[Any, Any]:
 
 
 def vec_env(task: Task, text: str) -> VecEnv:
-    """Make the games, stepped in turn in this process or each in its own.
+    """Make the games, stepped in turn in this process, each in its own, or as one batch.
 
     Args:
-        text: ``dummy:N`` or ``subproc:N``, for N games.
+        text: ``dummy:N``, ``subproc:N`` or ``batch:N``, for N games.
 
     Raises:
-        ConfigError: it is neither.
+        ConfigError: it is none of them.
     """
     kind, _, count = text.partition(":")
-    if kind not in ("dummy", "subproc") or not count.isdecimal() or int(count) == 0:
-        raise ConfigError(f"--sb3 {text!r}: must be dummy:N or subproc:N")
+    if kind not in ("dummy", "subproc", "batch") or not count.isdecimal() or int(count) == 0:
+        raise ConfigError(f"--sb3 {text!r}: must be dummy:N, subproc:N or batch:N")
+    if kind == "batch":
+        games = {"num_envs": int(count), "threads": task.threads, "options": task.options}
+        return sb3_vec_env(GameVectorEnv(task.env, task.victim, **games))
     if kind == "dummy":
         return DummyVecEnv([partial(make_env, task)] * int(count))
     return SubprocVecEnv([partial(make_env_of_worker, task)] * int(count))
@@ -71,6 +74,7 @@ class StableBaselines:
             max_grad_norm=ppo.max_grad_norm,
             policy_kwargs={"net_arch": list(ppo.hidden)},
             seed=task.seed,
+            stats_window_size=1000,  # games, as ours
             device="cpu",
         )
 

@@ -44,7 +44,10 @@ def test_all_train_on_the_toy_game(tmp_path):
     ("arguments", "message"),
     [
         (["--env", "toy"], "unknown game 'toy'"),
-        (["--env", "toy-pursuit", "--sb3", "threads:2"], "--sb3 'threads:2': must be dummy:N or subproc:N"),
+        (
+            ["--env", "toy-pursuit", "--sb3", "threads:2"],
+            "--sb3 'threads:2': must be dummy:N, subproc:N or batch:N",
+        ),
         (["--env", "toy-pursuit", "--sb3", "dummy:3"], "a batch of 128 steps cannot be shared by 3 games"),
     ],
 )
@@ -113,6 +116,9 @@ def test_peers_have_our_settings(peers):
     task = Task("toy-pursuit", {}, "scripted:toy-pursuit/evader/v1", batch=128, num_envs=16, threads=1)
     contestants = sb3, runner = StableBaselines(task, "dummy:2", 1), RslRl(task, 1)
     assert [contestant.iterate() for contestant in contestants] == [128, 128]
+    batch = StableBaselines(task, "batch:16", 1)
+    assert (batch.iterate(), batch._model.n_steps, batch._model.batch_size) == (128, 8, sb3._model.batch_size)
+    batch.close()
     ppo = task.config("adrl").ppo
     theirs, alg = sb3._model, runner._runner.alg
     assert (theirs.n_epochs, alg.num_learning_epochs) == (ppo.epochs, ppo.epochs)
@@ -127,6 +133,41 @@ def test_peers_have_our_settings(peers):
     assert [shape[0] for shape in layers[::2]] == [*ppo.hidden, layers[-1][0]]
     for contestant in contestants:
         contestant.close()
+
+
+def test_a_batch_beside_ours_speed_and_curves(peers, tmp_path):
+    pytest.importorskip("stable_baselines3", reason="no stable_baselines3 here")
+    from vector import main
+
+    out = tmp_path / "vector.json"
+    main(
+        [
+            *("--speed", "toy-pursuit:", "--rounds", "2", "--num-envs", "8", "--num-steps", "8"),
+            *(
+                "--seeds",
+                "2",
+                "--steps",
+                "4096",
+                "--json",
+                str(out),
+                "--picture",
+                str(tmp_path / "curves.png"),
+            ),
+        ]
+    )
+    report = json.loads(out.read_text())
+    assert [row["what"] for row in report["speed"]] == ["collection", "training"]
+    for row in report["speed"]:
+        ratios = [theirs / ours for ours, theirs in zip(row["ours"], row["theirs"], strict=True)]
+        assert row["ratio"] == pytest.approx(sum(ratios) / 2)
+        assert row["low"] < row["ratio"] < row["high"]
+    runs = report["curves"]["runs"]
+    assert list(runs) == ["APIL, ADRL", "Stable-Baselines3"]
+    for first, second in runs.values():
+        assert [point[0] for point in first] == [2048, 4096]
+        assert [point[2] for point in first] != [point[2] for point in second]  # seeds differ
+        assert all(0 <= point[2] <= 1 for point in first)
+    assert (tmp_path / "curves.png").stat().st_size > 1000
 
 
 def shapes(network) -> list[tuple[int, ...]]:
