@@ -86,6 +86,7 @@ class GameVectorEnv(VectorEnv[Array, Array, Array]):
         if isinstance(opponent, str):
             opponent = load_victim(opponent, self.game, 1 - self.side, "cpu", plugins)
         self.num_envs = self.game.num_envs
+        self.metadata = {**self.metadata, "render_fps": round(1 / self.game.seconds_per_step)}
         self._opponent, self._sample = opponent, sample
         self._generator = torch.Generator()
         self._games = TwoPlayerGames(self.game)

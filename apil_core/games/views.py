@@ -216,6 +216,7 @@ class OpponentInsideEnv(gymnasium.Env[Array, Any]):
             render_mode=render_mode,
         )
         self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": self._batch.metadata["render_fps"]}
         self.observation_space = self._batch.single_observation_space
         self.action_space = self._batch.single_action_space
 

@@ -199,6 +199,12 @@ def test_pictures_of_all_games() -> None:
     assert pictures is not None
     assert [picture.shape for picture in pictures] == [(360, 640, 3)] * 2
     assert (pictures[0] != pictures[1]).any()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # Gymnasium's, where something is not declared
+        one = gymnasium.make("apil/ToyPursuit-v0", render_mode="rgb_array")
+        one.reset(seed=0)
+        assert one.render().shape == (360, 640, 3)
+    assert one.metadata["render_fps"] == env.metadata["render_fps"] == 20
     assert toy(2).render() is None
 
 
