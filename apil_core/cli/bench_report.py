@@ -18,7 +18,10 @@ PAGE, TABLES = "index.html", "tables"
 def report(
     directories: Annotated[
         list[Path],
-        Parameter(name="DIR", help="Benchmarks, finished or not; run directories may stand among them."),
+        Parameter(
+            name="DIR",
+            help="Benchmarks, finished or not; runs, and JSON files of apil eval and crossplay, too.",
+        ),
     ],
     /,
     *,
@@ -26,7 +29,10 @@ def report(
         list[Path], Parameter(help="A further single run; repeatable.", show_default=False, metavar="DIR")
     ] = [],  # noqa: B006 - cyclopts reads it, it is never mutated
     out: Annotated[
-        Path | None, Parameter(help="Where to write [default: DIR/report of the first].", show_default=False)
+        Path | None,
+        Parameter(
+            help="Where to write [default: report in the first, or beside a file].", show_default=False
+        ),
     ] = None,
     tables_only: Annotated[bool, Parameter(help="No page, only the tables.", show_default=False)] = False,
     force: Annotated[bool, Parameter(help="Replace a report in --out.", show_default=False)] = False,
@@ -44,7 +50,8 @@ def report(
     for path in () if out is None else (out / PAGE, out / TABLES):
         check_free(path, force=force)
     data = gather(directories, run)
-    folder = out if out is not None else directories[0] / "report"
+    first = directories[0]
+    folder = out if out is not None else (first.parent if first.is_file() else first) / "report"
     written = write_tables(data, folder / TABLES)
     page = None
     if not tables_only:

@@ -207,6 +207,7 @@ def _same_as_stored(bench: BenchDir, benchmark: Benchmark, named: Collection[str
     """
     from apil_core.common.errors import RunDirError
     from apil_core.studies.bench.cells import resolve_matrix
+    from apil_core.studies.bench.players import check_same_adversaries
     from apil_core.studies.bench.still_valid import check_same_retraining
     from apil_core.studies.bench.work import check_same
 
@@ -215,6 +216,7 @@ def _same_as_stored(bench: BenchDir, benchmark: Benchmark, named: Collection[str
             raise RunDirError(f"{bench.path} exists and is no benchmark; choose another --out")
         return benchmark
     matrix = bench.matrix()
+    check_same_adversaries(bench, benchmark)
     stored = matrix.victims
     for game in named:
         before, now = stored.get(game), benchmark.matrix.victims[game]

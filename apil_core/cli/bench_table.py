@@ -180,7 +180,8 @@ def print_plan(
     )
     screen.print(
         f"left: about {cost.hours(workers):.1f} h on {workers} worker{'s' * (workers != 1)} if they do not "
-        "slow each other down, games of baselines, cross-play, activations and pictures not counted",
+        "slow each other down, games of adversaries not trained here, cross-play, activations and pictures "
+        "not counted",
         markup=False,
     )
 

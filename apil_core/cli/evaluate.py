@@ -24,7 +24,8 @@ def evaluate(
         str | None,
         Parameter(
             metavar="NAME",
-            help="Keep the score with the run, as RUN/scores/NAME.json, where apil bench report finds it.",
+            help="Keep the score for apil bench report: NAME with the run, as RUN/scores/NAME.json; "
+            "FILE.json, of any adversary, in that file.",
         ),
     ] = None,
     quiet: Quiet = False,
@@ -39,24 +40,24 @@ def evaluate(
     options = (flags or EvaluationFlags()).options(EvaluationOptions)
     if keep is not None and options.blind_victim is not None:
         raise ConfigError("--keep: reports have no table of blinded victims; use --json with --blind-victim")
-    folder = None if keep is None else _keeping(adversary, keep)
+    kept = None if keep is None else _keeping(adversary, keep)
     with make_progress(quiet=quiet) as progress:
         result = score(adversary, options, progress=progress)
     if as_json:
         print_json(result)
     else:
         print_score(result)
-    if keep is not None and folder is not None:
-        from apil_core.studies.bench.folder import write_score
+    if kept is not None:
+        from apil_core.studies.bench.folder import write_result
 
-        write_score(folder, keep, result)
+        write_result(kept, result)
 
 
 def _keeping(adversary: str, name: str) -> Path:
-    """Check that a score of that name can be stored, before any game is played; return the run directory.
+    """Check that a score of that name can be stored, before any game is played; return the file's path.
 
     Raises:
-        ConfigError: there is no run, the name is none, or taken.
+        ConfigError: the name is none, or taken, or is no file's and there is no run.
         ApilError: nothing can be written there.
     """
     from apil_core.common.files import check_place
@@ -64,18 +65,20 @@ def _keeping(adversary: str, name: str) -> Path:
     from apil_core.studies.bench.matrix import PLAIN, check_name
     from apil_core.training.export.run_policy import RunCheckpoint, run_path
 
-    try:
-        check_name(name, f"--keep {name}")
-    except ValueError as error:
-        raise ConfigError(str(error)) from error
     path = run_path(adversary)
-    if path is None:
-        raise ConfigError(f"--keep: {adversary} is no run, so there is nowhere to keep its score; use --json")
-    if name == PLAIN:
+    if name.endswith(".json"):
+        kept = Path(name)
+    elif path is None:
+        raise ConfigError(f"--keep {name}: {adversary} is no run; name a file, e.g. --keep {name}.json")
+    elif name == PLAIN:
         raise ConfigError(f"--keep {name}: that is the score the run ended with; choose another name")
-    folder = RunCheckpoint.find(path).run_dir.path
-    kept = score_path(folder, name)
+    else:
+        try:
+            check_name(name, f"--keep {name}")
+        except ValueError as error:
+            raise ConfigError(str(error)) from error
+        kept = score_path(RunCheckpoint.find(path).run_dir.path, name)
     if kept.exists():
         raise ConfigError(f"--keep {name}: {kept} exists, and no score is overwritten; choose another name")
     check_place(kept if kept.parent.exists() else kept.parent)
-    return folder
+    return kept

@@ -105,6 +105,7 @@ def test_a_score_is_kept_with_its_run(apil: Apil, trained: Path) -> None:
     for name, reason in (
         ("again", "again.json exists, and no score is over"),
         ("plain", "that is the score the run"),
+        ("a/b", "--keep a/b: a name is made of letters, digits and . _ -"),
     ):
         refused = apil("eval", trained, "--episodes", "20", "--keep", name)
         assert refused.code == 2
@@ -114,12 +115,8 @@ def test_a_score_is_kept_with_its_run(apil: Apil, trained: Path) -> None:
 @pytest.mark.parametrize(
     ("who", "name", "message"),
     [
-        (
-            RANDOM[0],
-            "a",
-            "--keep: baseline:random/7x2 is no run, so there is nowhere to keep its score; use --json",
-        ),
-        (RANDOM[0], "a/b", "--keep a/b: a name is made of letters, digits and . _ -"),
+        (RANDOM[0], "a", "--keep a: baseline:random/7x2 is no run; name a file, e.g. --keep a.json"),
+        (RANDOM[0], "no/no/a.json", "no/no: its directory does not exist"),
     ],
 )
 def test_a_score_that_cannot_be_kept_is_one_line(apil: Apil, who: str, name: str, message: str) -> None:

@@ -165,8 +165,8 @@ def sample_bench(path: Path) -> BenchDir:
     for game in VICTIMS:
         wins, ties = WINS_TIES[game, "baseline"]
         who = {"adversary": {"name": BASELINES[game], "sha256": "c"}, "trained_steps": None}
-        write_score(bench.baseline_dir(game), "plain", result(game, wins, ties, **who))
-        write_score(bench.baseline_dir(game), "blinded", result(game, wins // 2, ties, blind="zeros", **who))
+        write_score(bench.adversary_dir(game), "plain", result(game, wins, ties, **who))
+        write_score(bench.adversary_dir(game), "blinded", result(game, wins // 2, ties, blind="zeros", **who))
     _retrained(bench)
     _crossplay(bench)
     _activations(bench)

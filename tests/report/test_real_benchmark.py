@@ -90,11 +90,11 @@ def test_a_baseline_of_other_games_is_not_taken(bench: BenchDir) -> None:
     found = []
     try:
         for each in (same, other):
-            write_score(bench.baseline_dir(TOY), "plain", each)
+            write_score(bench.adversary_dir(TOY), "plain", each)
             table = gather([bench.path]).tables[0]
             found.append([cell.seeds for cell in table.rows[0] if cell.column == "baseline"])
     finally:
-        shutil.rmtree(bench.baseline_dir(TOY))
+        shutil.rmtree(bench.adversary_dir(TOY))
     assert found == [[1], [0]]
 
 

@@ -18,7 +18,7 @@ from apil_core.config.resolve import plugin_files, resolve_layers
 from apil_core.evaluation.results import observers_played
 from apil_core.plugins.default_victim import default_baseline
 from apil_core.plugins.discovery import PluginRegistry, discover
-from apil_core.studies.bench.matrix import NAMES_WITHOUT_BUDGET, Matrix, ScoreConfig
+from apil_core.studies.bench.matrix import BASELINE, NAMES_WITHOUT_BUDGET, Matrix, ScoreConfig
 
 _UNSAFE = re.compile(r"[^A-Za-z0-9_.=,+-]+")
 
@@ -52,6 +52,7 @@ class Benchmark:
         matrix: with the victims of every game named.
         cells: in the order they are run.
         baselines: name of each game's own opponent of the victim; games without one are left out.
+        hashes: SHA-256 of the matrix's adversaries, by policy's name, where they have been loaded.
         plugins: it was resolved against.
     """
 
@@ -59,6 +60,12 @@ class Benchmark:
     cells: tuple[Cell, ...]
     baselines: Mapping[str, str]
     plugins: PluginRegistry
+    hashes: Mapping[str, str] = field(default_factory=dict)
+
+    def adversaries(self, game: str) -> dict[str, str]:
+        """Label → policy of the adversaries that are not trained: the game's own, and those of the matrix."""
+        own = {BASELINE: self.baselines[game]} if game in self.baselines else {}
+        return {**own, **self.matrix.adversaries.get(game, {})}
 
     def cells_of(self, game: str) -> list[Cell]:
         """Return the cells of one game."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from apil_core.common.errors import RunDirError
 from apil_core.common.files import locked, read_json, write_atomically
 from apil_core.common.trust import remember
-from apil_core.studies.bench.matrix import Matrix, load_matrix
+from apil_core.studies.bench.matrix import BASELINE, Matrix, load_matrix
 from apil_core.training.storage.run_dir import RunDir
 
 if TYPE_CHECKING:
@@ -121,16 +121,16 @@ class BenchDir:
             for cell in benchmark.cells
         ]
 
-    def baseline_dir(self, game: str, victim: str | None = None) -> Path:
-        """Directory of the scores of a game's baseline adversary against a victim."""
+    def adversary_dir(self, game: str, victim: str | None = None, label: str = BASELINE) -> Path:
+        """Directory of the scores, against a victim, of an adversary that the benchmark does not train."""
         names = self.matrix().victims.get(game, ())
         first = not names or victim in (None, names[0])
-        folder = self.path / "baseline" / game
+        folder = self.path / (BASELINE if label == BASELINE else f"adversaries/{label}") / game
         return folder if first else folder / "_".join(str(victim).replace(":", "/").split("/"))
 
-    def baseline(self, game: str, score: str, victim: str | None = None) -> Any:
-        """That score of the game's baseline adversary, an ``EvaluationResult``, or ``None``."""
-        return read_score(self.baseline_dir(game, victim), score)
+    def adversary(self, game: str, score: str, victim: str | None = None, label: str = BASELINE) -> Any:
+        """That score of such an adversary, an ``EvaluationResult``, or ``None``."""
+        return read_score(self.adversary_dir(game, victim, label), score)
 
     def retrained(self) -> list[Path]:
         """Directories of retrainings, started or finished."""
@@ -220,8 +220,12 @@ def read_score(directory: Path, name: str) -> Any:
 
 
 def write_score(directory: Path, name: str, result: Any) -> None:
-    """Write a score atomically."""
-    path = score_path(directory, name)
+    """Write a score atomically, in the directory of a run or an adversary."""
+    write_result(score_path(directory, name), result)
+
+
+def write_result(path: Path, result: Any) -> None:
+    """Write a score atomically; the file's folder is made if it is not there."""
     path.parent.mkdir(parents=True, exist_ok=True)
     text = result.model_dump_json(indent=1).encode() + b"\n"
     write_atomically(path, lambda file: file.write(text))

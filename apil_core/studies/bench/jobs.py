@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING, Any
 from apil_core.common.errors import ApilError
 from apil_core.studies.bench.cells import Benchmark, Cell
 from apil_core.studies.bench.folder import BenchDir, read_score
-from apil_core.studies.bench.matrix import ScoreConfig
+from apil_core.studies.bench.matrix import BASELINE, ScoreConfig
 from apil_core.training.storage.run_dir import RunDir
 
 if TYPE_CHECKING:
     from apil_core.evaluation.crossplay.document import CrossPlay
 
-CELL, BASELINE, RETRAINING, CROSSPLAY, ACTIVATIONS, SNAPSHOTS = (
+CELL, BASELINES, ADVERSARIES, RETRAINING, CROSSPLAY, ACTIVATIONS, SNAPSHOTS = (
     "cells",
-    "baseline",
+    BASELINE,
+    "adversaries",
     "retrained",
     "crossplay",
     "activations",
@@ -32,7 +33,7 @@ class Job:
 
     Attributes:
         kind: one of the kinds above.
-        subject: the cell's name, the game, or game and victim.
+        subject: the cell's name, the game, game and victim, or game, adversary's label and victim.
         needs: names of jobs that must be done before.
         after: names of jobs that must have ended before, done or failed: it uses the results that exist.
         steps: environment steps of training in it.
@@ -65,10 +66,16 @@ def make_jobs(benchmark: Benchmark) -> list[Job]:
     jobs = [*cells, *retrainings]
     if matrix.baseline:
         jobs += [
-            Job(BASELINE, f"{game} {victim}")
+            Job(BASELINES, f"{game} {victim}")
             for game in benchmark.baselines
             for victim in matrix.victims[game]
         ]
+    jobs += [
+        Job(ADVERSARIES, f"{game} {label} {victim}")
+        for game, named in matrix.adversaries.items()
+        for label in named
+        for victim in matrix.victims[game]
+    ]
     for game in matrix.games:
         ends = tuple(f"{CELL}/{cell.name}" for cell in benchmark.cells_of(game))
         if matrix.has("crossplay", game):
@@ -122,13 +129,12 @@ class JobStatus:
             if not matches(read_score(run.path, name), wanted, cell, trained)
         }
 
-    def missing_baselines(self, game: str, victim: str) -> dict[str, ScoreConfig]:
-        """Scores of the game's baseline adversary that have not been played yet."""
+    def missing_of(self, game: str, victim: str, label: str = BASELINE) -> dict[str, ScoreConfig]:
+        """Scores of the adversary of that label, which is no cell, that have not been played yet."""
         cell = next(c for c in self.benchmark.cells_of(game) if c.victim == victim)
-        folder = self.bench.baseline_dir(game, victim)
         scores = self.benchmark.matrix.scores_of(game)
-        now = self.benchmark.baselines[game]
-        found = {name: read_score(folder, name) for name in scores}
+        now = self.benchmark.adversaries(game)[label]
+        found = {name: self.bench.adversary(game, name, victim, label) for name in scores}
         return {
             name: wanted
             for name, wanted in scores.items()
@@ -138,12 +144,11 @@ class JobStatus:
         }
 
     def adversaries(self, game: str) -> dict[str, str]:
-        """Label → name of all available attackers of a game: its baseline, and the trained cells."""
-        baseline = self.benchmark.baselines.get(game)
+        """Label → name of all available attackers of a game: its baseline, those named, and the trained."""
         cells = [cell for cell in self.benchmark.cells_of(game) if self.trained(cell)]
         names = labels(self.benchmark.cells_of(game))  # untrained ones too, for fixed labels
         runs = {names[c.name]: f"run:{self.bench.cell(c.name).path.resolve()}" for c in cells}
-        return {**({"baseline": baseline} if baseline else {}), **runs}
+        return {**self.benchmark.adversaries(game), **runs}
 
     def victims(self, game: str) -> dict[str, str]:
         """Label → name of the game's available victims: the original ones, and the retrained."""
@@ -163,7 +168,11 @@ class JobStatus:
 
     def _baseline_done(self, subject: str) -> bool:
         game, _, victim = subject.partition(" ")
-        return not self.missing_baselines(game, victim)
+        return not self.missing_of(game, victim)
+
+    def _adversaries_done(self, subject: str) -> bool:
+        game, label, victim = subject.split(" ", 2)
+        return not self.missing_of(game, victim, label)
 
     def _retrained_done(self, name: str) -> bool:
         result = RunDir(self.bench.retrained_dir(name)).result() or {}
@@ -227,7 +236,7 @@ def labels(cells: Sequence[Cell]) -> dict[str, str]:
 def matches(result: Any, wanted: ScoreConfig, cell: Cell, trained: int | None) -> bool:
     """Return whether a stored score has the required weights and settings.
 
-    ``trained`` is ``None`` for the baseline, which has no run and so no run's observers.
+    ``trained`` is ``None`` for an adversary that is no cell's, and so has no cell's observers.
     """
     from apil_core.config.game import stored_physics
     from apil_core.evaluation.results import observers_played, told
@@ -253,7 +262,7 @@ def matches(result: Any, wanted: ScoreConfig, cell: Cell, trained: int | None) -
         result.adversary_actions,
         result.victim_actions,
         result.victim.name,
-        result.trained_steps,
+        None if trained is None else result.trained_steps,
     )
     return asked == played
 

@@ -20,6 +20,9 @@ MATRIX_VERSION = 2
 NAMES_WITHOUT_BUDGET = 2
 """First version in which a cell's name does not hold the matrix's first budget, so that it can be raised."""
 
+BASELINE = "baseline"
+"""Label of a game's own opponent of the victim."""
+
 PLAIN, BLINDED = "plain", "blinded"
 """Scores from which tables 1 and 2 are made."""
 
@@ -27,7 +30,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 
 def check_name(name: str, where: str) -> None:
-    """Check that a score's name can be a file name.
+    """Check that a score's name, or an adversary's label, can be a file name.
 
     Raises:
         ValueError: it cannot.
@@ -146,6 +149,8 @@ class Matrix(Section):
     """Further axes: a setting as --set names it, and its values."""
     scores: dict[str, ScoreConfig] = Field(default_factory=lambda: {PLAIN: ScoreConfig()})
     """Games played after training, by name; tables are made of `plain` and `blinded`."""
+    adversaries: dict[str, dict[str, str]] = Field(default_factory=dict)
+    """Adversaries that were trained elsewhere, by game: label and policy, scored like the methods' own."""
     baseline: bool = True
     """Score each game's own opponent of the victim likewise, where it has one."""
     retraining: RetrainingStage | None = None
@@ -183,6 +188,13 @@ class Matrix(Section):
             raise ValueError(f"scores needs {PLAIN!r}: table 1 is made of it")
         for name in self.scores:
             check_name(name, f"scores.{name}")
+        for game, named in self.adversaries.items():
+            for label in named:
+                check_name(label, f"adversaries.{game}.{label}")
+                if label in (BASELINE, *self.methods):
+                    raise ValueError(
+                        f"adversaries.{game}.{label}: that is a method's or the game's own; rename"
+                    )
         self._check_games()
         self._check_game_axes()
         return self
@@ -201,6 +213,7 @@ class Matrix(Section):
     def _check_games(self) -> None:
         named = {
             "victims": tuple(self.victims),
+            "adversaries": tuple(self.adversaries),
             **{f"scores.{name}.games": score.games for name, score in self.scores.items()},
             **{f"{stage}.games": value.games for stage, value in self.stages.items()},
         }
@@ -275,6 +288,13 @@ def matrix_text(name: str) -> tuple[str, str]:
         raise ConfigError(f"{name}: cannot be read: {error}") from error
 
 
+def _beside(file: Path, policy: Any) -> Any:
+    """A policy's name; made absolute where it names something that lies in the folder of that file."""
+    scheme, colon, rest = policy.rpartition(":") if isinstance(policy, str) else ("", "", "")
+    found = file.parent / rest
+    return f"{scheme}{colon}{found.absolute()}" if rest and found.exists() else policy
+
+
 def load_matrix(name: str) -> Matrix:
     """Load the matrix in a file, or the shipped one of that name.
 
@@ -291,6 +311,13 @@ def load_matrix(name: str) -> Matrix:
     data, lines = parse_yaml(text, origin)
     if isinstance(data.get("config"), dict) and origin == str(Path(name)):
         data["config"] = from_folder(Path(name).parent, data["config"])
+    if isinstance(data.get("adversaries"), dict):
+        data["adversaries"] = {
+            game: {label: _beside(Path(name), policy) for label, policy in named.items()}
+            if isinstance(named, dict)
+            else named
+            for game, named in data["adversaries"].items()
+        }
     named_in(Path(name), data)
     origins = {key: f"{origin}:{line}" for key, line in lines.items()}
     version = data.get("version")

@@ -15,9 +15,7 @@ if TYPE_CHECKING:
     from apil_core.evaluation.options import PairingOptions
     from apil_core.studies.bench.jobs import JobStatus
 from apil_core.studies.bench.folder import read_crossplay
-
-BASELINE = "baseline"
-"""Label of a game's own opponent of the victim."""
+from apil_core.studies.bench.matrix import BASELINE
 
 _TRIES = 60
 """Games searched for one that the adversary wins."""

@@ -6,7 +6,7 @@ import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from apil_core.api.config import RunConfig
 from apil_core.common.errors import FAILURES, ConfigError, RunDirError
@@ -17,7 +17,8 @@ from apil_core.studies.bench.cells import Benchmark, Cell, resolve_matrix
 from apil_core.studies.bench.folder import BenchDir, write_score
 from apil_core.studies.bench.jobs import (
     ACTIVATIONS,
-    BASELINE,
+    ADVERSARIES,
+    BASELINES,
     CELL,
     CROSSPLAY,
     RETRAINING,
@@ -26,8 +27,12 @@ from apil_core.studies.bench.jobs import (
     JobStatus,
     make_jobs,
 )
-from apil_core.studies.bench.matrix import ScoreConfig
+from apil_core.studies.bench.matrix import BASELINE, ScoreConfig
 from apil_core.training.storage.run_dir import RunDir
+
+if TYPE_CHECKING:
+    from apil_core.evaluation.options import EvaluationOptions
+    from apil_core.plugins.discovery import PluginRegistry
 
 Outcome = Literal["done", "interrupted", "failed"]
 
@@ -95,8 +100,11 @@ class _Worker:
         match job.kind:
             case k if k == CELL:
                 return self._cell(self.status.cells[job.subject])
-            case k if k == BASELINE:
-                self._baseline(*job.subject.split(" ", 1))
+            case k if k == BASELINES:
+                self._replay(*job.subject.split(" ", 1))
+            case k if k == ADVERSARIES:
+                game, label, victim = job.subject.split(" ", 2)
+                self._replay(game, victim, label)
             case k if k == RETRAINING:
                 cell = self.status.cells[job.subject]
                 return stages.harden(self.status, cell, self.threads, self.progress)
@@ -139,11 +147,12 @@ class _Worker:
             )
         return result.status == "finished"
 
-    def _baseline(self, game: str, victim: str) -> None:
+    def _replay(self, game: str, victim: str, label: str = BASELINE) -> None:
+        """Score an adversary that is no cell's."""
         config = next(c.config for c in self.benchmark.cells_of(game) if c.victim == victim)
-        folder = self.bench.baseline_dir(game, victim)
-        missing = self.status.missing_baselines(game, victim)
-        self._score(self.benchmark.baselines[game], missing, folder, config.seed, config)
+        folder = self.bench.adversary_dir(game, victim, label)
+        missing = self.status.missing_of(game, victim, label)
+        self._score(self.benchmark.adversaries(game)[label], missing, folder, config.seed, config)
 
     def _score(
         self,
@@ -153,7 +162,7 @@ class _Worker:
         seed: int,
         config: RunConfig | None = None,
     ) -> None:
-        """Play and store scores; ``config`` has the game and settings where ``adversary`` is no run."""
+        """Play and store scores; ``config`` has the game and settings where ``adversary`` is no cell's."""
         from apil_core.evaluation.options import EvaluationOptions
         from apil_core.evaluation.score import evaluate
 
@@ -161,13 +170,32 @@ class _Worker:
             options = EvaluationOptions(
                 **wanted.model_dump(exclude={"games"}), seed=seed, threads=self.threads
             )
-            if config is not None:  # the baseline's scores are without the observers of runs
-                like = config.model_copy(update={"observers": ()})
-                options = EvaluationOptions.of(
-                    options, like=like, trust=config.trust, plugins=self.benchmark.plugins
-                )
+            if config is not None:
+                options = in_games_of(config, adversary, options, self.benchmark.plugins)
             result = evaluate(adversary, options, progress=self.progress)
             write_score(folder, name, result)
+
+
+def in_games_of(
+    config: RunConfig, adversary: str, options: EvaluationOptions, plugins: PluginRegistry
+) -> EvaluationOptions:
+    """Options with which an adversary that is no cell's plays a cell's games, without its observers."""
+    from apil_core.evaluation.options import EvaluationOptions
+    from apil_core.training.export.run_policy import run_path
+
+    changes: dict[str, Any] = {"trust": config.trust, "plugins": plugins}
+    if run_path(adversary) is None:
+        return EvaluationOptions.of(options, like=config.model_copy(update={"observers": ()}), **changes)
+    modes = config.evaluation
+    return EvaluationOptions.of(
+        options,
+        env=config.env,
+        victim=config.victim,
+        game_options=config.game,
+        adversary_actions=options.adversary_actions or modes.adversary_actions,
+        victim_actions=options.victim_actions or modes.victim_actions,
+        **changes,
+    )
 
 
 def check_same(stored: RunConfig, cell: Cell) -> None:

@@ -19,7 +19,7 @@ def aggregates(tables: Sequence[Table]) -> list[Aggregate]:
 
 
 def _of(table: Table) -> Iterator[Aggregate]:
-    present = {each.column for row in table.rows for each in row if each.scores}
+    present = {each.column for row in table.rows for each in row if each.scores and not each.replayed}
     rows = [row for row in table.rows if present <= {each.column for each in row if each.scores}]
     if len(rows) < 2:
         return

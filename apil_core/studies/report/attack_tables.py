@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
-from apil_core.evaluation.results import EvaluationResult
+from apil_core.studies.bench.matrix import BASELINE as BASELINE
 from apil_core.studies.report.cells import cell, make_table, seed_score, seed_scores
-from apil_core.studies.report.grouping import Groups, blinding
+from apil_core.studies.report.grouping import Groups
 from apil_core.studies.report.labels import cell_marks
 from apil_core.studies.report.models import Endings
 from apil_core.studies.report.published import published
@@ -16,17 +16,15 @@ from apil_core.studies.report.sources import Sources
 from apil_core.studies.report.statistics import compared, verdict
 from apil_core.studies.report.table_models import Cell, MethodDifference, Setting, Table
 
-BASELINE = "baseline"
 _TITLES = {1: "Adversaries against the victim", 2: "Blinded adversaries against the victim"}
 
 
 def columns_of(sources: Sources) -> list[str]:
     """Baseline, the paper's methods, others; the paper's whenever one of its games is present."""
-    measured = [run.config.method for run in sources.runs] + [cell.method for cell in sources.missing]
     known = published().columns
     if not set(sources.games) & set(published().games):
-        known = [name for name in known if name == BASELINE or name in measured]
-    return list(dict.fromkeys([*known, *measured]))
+        known = [name for name in known if name == BASELINE or name in sources.methods]
+    return list(dict.fromkeys([*known, *sources.methods]))
 
 
 def attack_tables(
@@ -37,15 +35,26 @@ def attack_tables(
     columns: Sequence[str],
 ) -> list[Table]:
     """Tables 1 and 2 of every setting that has cells."""
+    labels = [label for label in dict.fromkeys(each.label for each in sources.replayed) if label != BASELINE]
     tables = []
     for key, setting in named.items():
-        modes = dict.fromkeys(place.blind for place in groups.cells if place.key == key)
-        for blind in sorted(modes, key=lambda mode: (mode is not None, str(mode))):
-            shown = _columns(groups, key, columns)
+        for blind in groups.modes(key):
+            shown = [*_columns(groups, key, columns), *labels]
             rows = [_row(sources, groups, key, setting, blind, game, shown) for game in games]
-            found = [row for row in rows if any(c.scores for c in row if c.column != BASELINE)]
+            rows = [
+                row
+                for row in rows
+                if any(
+                    c.scores for c in row if key in groups.alone or not (c.replayed or c.column == BASELINE)
+                )
+            ]
+            empty = [
+                label for label in labels if not any(c.scores for r in rows for c in r if c.column == label)
+            ]
+            shown = [column for column in shown if column not in empty]
+            rows = [[c for c in row if c.column not in empty] for row in rows]
             number: Literal[1, 2] = 1 if blind is None else 2
-            tables.append(make_table(number, _TITLES[number], setting.id, shown, found, blind))
+            tables.append(make_table(number, _TITLES[number], setting.id, shown, rows, blind))
     return sorted(tables, key=lambda table: table.number)
 
 
@@ -75,37 +84,16 @@ def _row(
     cells = []
     for column in columns:
         value = None if _changed(key) and column != BASELINE else source.value(game, column)
-        if column == BASELINE:
-            found = _baseline(sources, groups, key, blind, game)
-            scores = [] if found is None else [seed_score(found, found.adversary.name)]
-        else:
-            scores = seed_scores(groups.members(key, game, column, blind))
-        trained = 0 if column == BASELINE else len(scores)
-        games = min((score.episodes for score in scores), default=published().episodes)
-        cells.append(
-            cell(game, column, scores, value, cell_marks(setting, game, trained, games) if scores else ())
-        )
+        scores = seed_scores(groups.members(key, game, column, blind))
+        trained = len(scores)
+        note = ""
+        if (other := groups.replayed(sources.replayed, key, blind, game, column)) is not None:
+            scores, note = [seed_score(other.score, other.source)], other.note
+        least = min((score.episodes for score in scores), default=published().episodes)
+        marks = cell_marks(setting, game, trained, least) if scores else []
+        found = cell(game, column, scores, value, [note, *marks] if note else marks)
+        cells.append(found.model_copy(update={"replayed": note}))
     return cells
-
-
-def _baseline(
-    sources: Sources, groups: Groups, key: Key, blind: str | None, game: str
-) -> EvaluationResult | None:
-    """The baseline adversary's score in the same games; the one with most games if there are several."""
-    members = [m for place, ms in groups.cells.items() if (place.key, place.game) == (key, game) for m in ms]
-    played = [(member.score.options_played, member.score.observers or {}) for member in members]
-    victims = [member.score.victim for member in members]
-    found = [
-        score
-        for score in sources.baselines
-        if score.env == game
-        and blinding(score) == blind
-        and score.physics == key.physics
-        and score.victim in victims
-        and (score.adversary_actions, score.victim_actions) == (key.adversary_actions, key.victim_actions)
-        and (score.options_played, score.observers or {}) in played
-    ]
-    return max(found, key=lambda score: score.episodes, default=None)
 
 
 def method_differences(tables: Sequence[Table]) -> list[MethodDifference]:

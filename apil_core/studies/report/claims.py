@@ -47,8 +47,8 @@ def claims(tables: Sequence[Table], settings: Sequence[Setting]) -> list[Claim]:
     """All claims in every setting whose tables have data on them."""
     found = []
     for setting in settings:
-        if setting.changes_method:
-            continue  # an ablation's: no method of the paper
+        if setting.changes_method or (setting.steps is None and setting.retrain_steps is None):
+            continue  # an ablation's, or no run's: no method of the paper
         own = [table for table in tables if table.setting == setting.id]
         for seeing in (table for table in own if table.number == 1):
             found.append(_beats(seeing, setting))
@@ -215,7 +215,9 @@ def _summary(checks: Sequence[Check], absent: Sequence[str], table: Table, setti
     if short := _short(setting):
         seen = f"Seen at {short} of the budget." if len(counts[_HOLDS]) == len(checks) else ""
         text += f" {seen or f'At this budget ({short}) what does not show is not refuted.'}"
-    seeds = [each.seeds for row in table.rows for each in row if each.scores and each.column != BASELINE]
+    seeds = [
+        c.seeds for row in table.rows for c in row if c.scores and c.column != BASELINE and not c.replayed
+    ]
     if seeds and min(seeds) < ENOUGH_SEEDS:
         text += f" Of these agents only ({several(min(seeds), 'seed')}): other seeds may differ."
     return text

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from apil_core.config.resolve import differences
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.studies.curves.groups import seed_groups
-from apil_core.studies.report.settings import Key, conditions, key_of
+from apil_core.studies.report.replayed import Replayed
+from apil_core.studies.report.settings import Key, conditions, key_of, key_without_run
 from apil_core.studies.report.sources import Run
 
 _UNTOLD = ("seed", "threads", "device", "recorders", "log_rows", "trust")
@@ -41,24 +42,68 @@ class Groups:
         unscored: runs without any score, with the key of where it would go.
         copies: scores left out because the same attack with the same seed is already included.
         variants: differences of the runs of a key with ``variant`` > 0 from those with 0.
+        alone: scores of other adversaries in games in which no run was scored.
     """
 
     cells: dict[Place, list[Scored]] = field(default_factory=dict)
     unscored: list[tuple[Key, Run]] = field(default_factory=list)
     copies: list[Scored] = field(default_factory=list)
     variants: dict[Key, str] = field(default_factory=dict)
+    alone: dict[Key, list[Replayed]] = field(default_factory=dict)
 
     def settings(self) -> list[Key]:
         """All settings, in the order of appearance."""
-        return list(dict.fromkeys([*(place.key for place in self.cells), *(key for key, _ in self.unscored)]))
+        unscored = (key for key, _ in self.unscored)
+        return list(dict.fromkeys([*(place.key for place in self.cells), *unscored, *self.alone]))
 
     def members(self, key: Key, game: str, method: str, blind: str | None = None) -> list[Scored]:
         """The scores of one cell."""
         return self.cells.get(Place(key, blind, game, method), [])
 
+    def modes(self, key: Key) -> list[str | None]:
+        """How adversaries were blinded in a setting; not at all first."""
+        found = {place.blind for place in self.cells if place.key == key}
+        found |= {blinding(each.score) for each in self.alone.get(key, ())}
+        return sorted(found, key=lambda mode: (mode is not None, str(mode)))
 
-def group(runs: Sequence[Run]) -> Groups:
-    """Group all scores."""
+    def replayed(
+        self, all_of_them: Sequence[Replayed], key: Key, blind: str | None, game: str, column: str
+    ) -> Replayed | None:
+        """The score of that column in the games of a row; the one with most games if there are several."""
+        place = (column, game, blind)
+        own = [e for e in all_of_them if (e.label, e.score.env, blinding(e.score)) == place]
+        if key in self.alone:
+            found = [each for each in self.alone[key] if each in own]
+        else:
+            found = [each for each in own if self.fits(each.score, key)]
+        return max(found, key=lambda each: each.score.episodes, default=None)
+
+    def fits(self, score: EvaluationResult, key: Key | None = None) -> bool:
+        """Return whether a run was scored in the same games, in that setting's table or in any."""
+        return any(
+            _games_of(score) == _games_of(member.score)
+            for place, members in self.cells.items()
+            if key in (None, place.key) and (place.game, place.blind) == (score.env, blinding(score))
+            for member in members
+        )
+
+
+def _games_of(score: EvaluationResult) -> tuple[Any, ...]:
+    """All that a score depends on except the adversary, its blinding, the seed and the number of games."""
+    actions = (score.adversary_actions, score.victim_actions)
+    return score.victim, actions, score.options_played, score.observers or {}
+
+
+def group(runs: Sequence[Run], replayed: Sequence[Replayed] = ()) -> Groups:
+    """Group all scores, with those of other adversaries that need a setting of their own."""
+    found = _grouped(runs)
+    for each in replayed:
+        if each.alone and not found.fits(each.score):
+            found.alone.setdefault(key_without_run(each.score), []).append(each)
+    return found
+
+
+def _grouped(runs: Sequence[Run]) -> Groups:
     found = Groups()
     attack = {
         place: number for number, places in enumerate(seed_groups([r.dir for r in runs])) for place in places

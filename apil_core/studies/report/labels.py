@@ -27,6 +27,7 @@ def settings(groups: Groups) -> dict[Key, Setting]:
         label = ", ".join(text for name, text in texts[key].items() if name in shown and text)
         games = {place.game for place in groups.cells if place.key == key}
         games |= {run.config.env for other, run in groups.unscored if other == key}
+        games |= {each.score.env for each in groups.alone.get(key, ())}
         named[key] = _setting(f"s{number}", label, key, texts[key], paper=in_paper(games))
     return named
 
@@ -53,7 +54,7 @@ def _in_order(groups: Groups) -> list[Key]:
 
 def _texts(key: Key, groups: Groups) -> dict[str, str]:
     return {
-        "steps": "" if key.steps is None else f"{amount(key.steps)} steps",
+        "steps": "not trained here" if key.steps is None else f"{amount(key.steps)} steps",
         "physics": _physics(key),
         "victim": {DEFAULT_VICTIM: "", STUDENT: "embedded students as victims"}.get(
             key.victim, f"victim {key.victim}"

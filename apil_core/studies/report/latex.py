@@ -27,6 +27,8 @@ def latex_table(data: ReportData, table: Table) -> str:
     setting = data.setting(table.setting)
     blind = f", blinded: {table.blind}" if table.blind else ""
     caption = f"{table.title} ({setting.label}{blind}). {' '.join(setting.notes)}"
+    notes = {f"{c.column}: {c.replayed}." for row in table.rows for c in row if c.replayed and c.scores}
+    caption = " ".join([caption, *sorted(notes)])
     lines = [
         r"\begin{table}",
         r"\centering",

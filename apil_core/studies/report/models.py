@@ -24,7 +24,7 @@ class Warning(BaseModel):
     Attributes:
         kind: ``ties``, ``seeds``, ``episodes``, ``budget``, ``physics``, ``victim``, ``action modes``,
             ``settings``, ``imitator``, ``no attack``, ``unfinished``, ``damaged``, ``delta r``, ``copies``,
-            ``stale``, ``baseline``.
+            ``stale``, ``baseline``, ``left out``.
         loud: concerns every number of a setting; else single cells.
         text: one whole sentence with the numbers.
         setting, game, column: its scope; ``None``: all of them.

@@ -40,6 +40,10 @@ def facts(data: ReportData) -> list[tuple[str, str]]:
         ("budget", _some(_budgets(data))),
         ("physics", _some(sorted({run.physics for run in runs if run.physics}))),
         ("victims", _some(list(dict.fromkeys(f"{run.game}: {run.victim}" for run in runs)), "; ")),
+        (
+            "not trained here",
+            _some(list(dict.fromkeys(_source(cell) for cell in cells if cell.replayed)), "; "),
+        ),
         ("games per score", _some([f"{number:,}".replace(",", " ") for number in episodes])),
         ("runs", _states(data)),
     ]
@@ -64,6 +68,10 @@ def budget(setting: Setting) -> str:
     """A setting's budget relative to the published one."""
     own = setting.retrain_steps if setting.retrain_steps is not None else setting.steps
     return setting.budget or (f"{amount(own)} steps" if own else "")
+
+
+def _source(cell: Cell) -> str:
+    return f"{cell.column} in {cell.game}: {cell.scores[0].source}"
 
 
 def _best(row: list[Cell]) -> str:

@@ -31,7 +31,7 @@ def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
         ApilError: nothing to report there, or a file is damaged.
     """
     sources = read_sources(dirs, runs)
-    groups = group(sources.runs)
+    groups = group(sources.runs, sources.replayed)
     named = settings(groups)
     games, columns = _games(sources), columns_of(sources)
     attacks = attack_tables(sources, groups, named, games, columns)
@@ -48,6 +48,7 @@ def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
         *warnings.attack_warnings(attacks, differences, panels, all_settings),
         *warnings.tie_warnings(ended, attacks),
         *warnings.training_warnings(logged),
+        *warnings.left_out(groups, sources.replayed),
         *(Warning(kind="damaged", loud=True, text=text) for text in sources.damaged),
     ]
     return ReportData(

@@ -105,7 +105,7 @@ class Played(NamedTuple):
 
 
 def crossplays(sources: Sources) -> list[Played]:
-    """The cross-plays of all benchmarks that have any game."""
+    """The cross-plays of all benchmarks that have any game, and those that were named."""
     keys = {str(Path(run.path).resolve()): key_of(run, None) for run in sources.runs}
     attacks = {path: Attack(key.steps or 0, key.victim, key.axes) for path, key in keys.items()}
     found = []
@@ -115,7 +115,7 @@ def crossplays(sources: Sources) -> list[Played]:
             document = sources.read(CrossPlay.read, path) if path.is_file() else None
             if document is not None and document.played:
                 found.append(Played(document, steps, _known(bench, document, attacks)))
-    return found
+    return [*found, *(Played(document, None, {}) for document in sources.crossplays if document.played)]
 
 
 def _known(bench: StoredBench, document: CrossPlay, attacks: Mapping[str, Attack]) -> dict[str, Attack]:

@@ -104,12 +104,36 @@ def key_of(run: Run, score: EvaluationResult | None) -> Key:
     )
 
 
+def key_without_run(score: EvaluationResult) -> Key:
+    """Key of a score in whose games no run was scored."""
+    model = game_model(score.env, _plugins(())) if game_of(score.env) is not None else None
+    fields, hidden = ({}, ()) if model is None else (model.model_fields, profile_keys(model))
+    changed = {
+        f"game.{key}": value
+        for key, value in score.options_played.items()
+        if key != "physics" and key not in hidden and not (key in fields and fields[key].default == value)
+    }
+    return Key(
+        steps=None,
+        trained=score.physics,
+        physics=score.physics,
+        victim=victim_kind(score.env, score.victim.name),
+        adversary_actions=score.adversary_actions,
+        victim_actions=score.victim_actions,
+        other=tuple((key, str(value)) for key, value in changed.items()),
+        scored_with=_observed(score.observers or {}),
+    )
+
+
 def _scored_with(config: RunConfig, score: EvaluationResult | None) -> tuple[tuple[str, str], ...]:
     played = {} if score is None or score.observers is None else score.observers
+    return _observed({name: options for name, options in played.items() if name not in config.observers})
+
+
+def _observed(observers: Mapping[str, Mapping[str, Any]]) -> tuple[tuple[str, str], ...]:
     return tuple(
         (f"scored with {name}", ", ".join(f"{key}={value}" for key, value in options.items()) or "on")
-        for name, options in played.items()
-        if name not in config.observers
+        for name, options in observers.items()
     )
 
 

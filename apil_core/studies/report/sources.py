@@ -1,4 +1,4 @@
-"""Sources of the report: runs with their scores, the baselines', and other results of benchmarks."""
+"""Sources of the report: runs with their scores, other adversaries', and other results of benchmarks."""
 
 from __future__ import annotations
 
@@ -11,13 +11,16 @@ from typing import Any, TypeVar
 from apil_core.api.config import RunConfig
 from apil_core.common.errors import ApilError, ConfigError, RunDirError
 from apil_core.config.game import stored_physics
+from apil_core.evaluation.crossplay.document import CrossPlay
 from apil_core.evaluation.results import EvaluationResult, told
 from apil_core.studies.bench.cells import Benchmark, resolve_matrix
 from apil_core.studies.bench.folder import BenchDir, CellDir, read_score
 from apil_core.studies.bench.jobs import Job, make_jobs
-from apil_core.studies.bench.matrix import PLAIN, Matrix
+from apil_core.studies.bench.matrix import BASELINE, PLAIN, Matrix
 from apil_core.studies.curves.curves import final_score
 from apil_core.studies.report.models import Unfinished
+from apil_core.studies.report.published import published
+from apil_core.studies.report.replayed import Replayed, read_stored, relabelled, replayed_in
 from apil_core.training.storage.run_dir import RunDir
 
 Read = TypeVar("Read")
@@ -102,11 +105,12 @@ class StoredBench(BenchDir):
 
 @dataclass(frozen=True)
 class Sources:
-    """All sources, in the order given."""
+    """All sources, in the order given; ``crossplays`` are those that were named, not those of benchmarks."""
 
     runs: list[Run] = field(default_factory=list)
     missing: list[Unfinished] = field(default_factory=list)
-    baselines: list[EvaluationResult] = field(default_factory=list)
+    replayed: list[Replayed] = field(default_factory=list)
+    crossplays: list[CrossPlay] = field(default_factory=list)
     benches: dict[str, tuple[StoredBench, Matrix]] = field(default_factory=dict)
     damaged: list[str] = field(default_factory=list)
 
@@ -122,20 +126,27 @@ class Sources:
     def games(self) -> list[str]:
         """Games of all matrices and runs."""
         named = [game for _, matrix in self.benches.values() for game in matrix.games]
-        return list(dict.fromkeys([*named, *(run.config.env for run in self.runs)]))
+        stored = [each.score.env for each in self.replayed if each.file]
+        return list(dict.fromkeys([*named, *(run.config.env for run in self.runs), *stored]))
+
+    @property
+    def methods(self) -> list[str]:
+        """Methods of all runs, started or not."""
+        found = [run.config.method for run in self.runs] + [cell.method for cell in self.missing]
+        return list(dict.fromkeys(found))
 
 
 def read_sources(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> Sources:
     """Read benchmark directories and single run directories.
 
     Args:
-        dirs: of benchmarks, or of runs.
+        dirs: of benchmarks, or of runs; files of single scores and cross-plays.
         runs: of runs.
 
     Raises:
-        ApilError: one of them is neither, or a file in it is damaged.
+        ApilError: one of them is none of these, or a file in it is damaged.
     """
-    found = Sources()
+    found, files = Sources(), []
     for path in dict.fromkeys(Path(path).resolve() for path in (*dirs, *runs)):
         shown = next(given for given in (*dirs, *runs) if Path(given).resolve() == path)
         if BenchDir(shown).matrix_path.is_file():
@@ -144,9 +155,17 @@ def read_sources(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> Sources:
             if path not in {Path(run.path).resolve() for run in found.runs}:
                 run = found.read(_read_run, RunDir(shown), shown.name)
                 found.runs.extend([run] if run is not None else [])
+        elif path.is_file():
+            files.append((shown, read_stored(shown)))
         else:
             raise RunDirError(f"{shown} is no benchmark (no matrix.yaml in it) and no run (no config.yaml)")
-    if not found.runs and not found.missing:
+    own = {f"run:{Path(run.path).resolve()}" for run in found.runs}
+    for shown, stored in files:
+        found.replayed.extend(replayed_in(shown, stored, own))
+        found.crossplays.extend([stored] if isinstance(stored, CrossPlay) else [])
+    methods = {*published().columns, *found.methods} - {BASELINE}
+    found.replayed[:] = relabelled(found.replayed, methods)
+    if not found.runs and not found.missing and not files:
         raise ConfigError("\n".join([f"nothing to report in {', '.join(map(str, dirs))}", *found.damaged]))
     return found
 
@@ -165,8 +184,9 @@ def _read_bench(bench: StoredBench, found: Sources) -> None:
         except ApilError as error:  # one damaged cell must not hide the others
             found.missing.append(_missing(cell, "damaged", str(error)))
     for game, victim in victims:
-        scores = (found.read(bench.baseline, game, name, victim) for name in matrix.scores)
-        found.baselines.extend(score for score in scores if score is not None)
+        for label in (BASELINE, *matrix.adversaries.get(game, ())):
+            scores = (found.read(bench.adversary, game, name, victim, label) for name in matrix.scores)
+            found.replayed.extend(Replayed(label, score) for score in scores if score is not None)
 
 
 def _missing(cell: CellDir, status: str, reason: str) -> Unfinished:

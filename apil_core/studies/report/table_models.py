@@ -103,7 +103,7 @@ class SeedScore(BaseModel):
     """The games of one trained agent; counts are from the table's side.
 
     Attributes:
-        source: the run directory, or the two labels of a cross-play.
+        source: the run directory, the two labels of a cross-play, or a policy's name and hash.
         steps: it was trained for; ``None`` for agents that were not trained here.
     """
 
@@ -122,9 +122,10 @@ class Cell(BaseModel):
     """One game × column of a table.
 
     Attributes:
-        column: ``"baseline"`` or a method's name.
+        column: ``"baseline"``, a method's name, or the label of an adversary that was not trained here.
         scores: one per seed; empty if nothing was measured.
         marks: short warning labels, e.g. ``"1 M of 35 M = 2.9 %"``, ``"1 seed"``.
+        replayed: of the latter, what it is: ``"published weights, replayed here"``; else empty.
     """
 
     game: str
@@ -133,6 +134,7 @@ class Cell(BaseModel):
     win_or_tie: Figure
     scores: list[SeedScore] = []
     marks: list[str] = []
+    replayed: str = ""
 
     @property
     def episodes(self) -> int:
@@ -153,7 +155,7 @@ class Table(BaseModel):
         number: 1 to 4, the paper's.
         name: its key in ``published_results.json``.
         side: the one whose wins are counted.
-        columns: baseline first, then the paper's methods, then others.
+        columns: baseline first, then the paper's methods, then others, then adversaries not trained here.
         blind: table 2: how the adversary was blinded, e.g. ``"zeros"`` or ``"zeros, imitator too"``.
         rows: one list per game, cells in the order of ``columns``.
     """

@@ -114,6 +114,7 @@ def _figure_row(cell: Cell, name: str, figure: Figure) -> Row:
         "seed_names": _joined(score.seed for score in cell.scores),
         "episodes": cell.episodes,
         "marks": "; ".join(cell.marks),
+        "sources": "; ".join(score.source for score in cell.scores),
     }
 
 

@@ -10,6 +10,7 @@ from apil_core.studies.report.attack_tables import BASELINE
 from apil_core.studies.report.grouping import Groups
 from apil_core.studies.report.models import CurvePanel, Diagnostics, Endings, Unfinished, Warning
 from apil_core.studies.report.published import published
+from apil_core.studies.report.replayed import Replayed
 from apil_core.studies.report.settings import Key, changed_options, game_of
 from apil_core.studies.report.statistics import ENOUGH_SEEDS, compared
 from apil_core.studies.report.table_models import Cell, MethodDifference, Setting, Table
@@ -62,7 +63,7 @@ def _kind(note: str) -> str:
 
 def _seed_notes(setting: Setting, tables: Sequence[Table]) -> Iterator[str]:
     cells = [each for table in tables if table.setting == setting.id for each in _measured(table)]
-    seeds = [each.seeds for each in cells if each.column != BASELINE]
+    seeds = [each.seeds for each in cells if each.column != BASELINE and not each.replayed]
     if seeds and min(seeds) < ENOUGH_SEEDS:
         cells_text = "every cell" if max(seeds) < ENOUGH_SEEDS else "some cells"
         yield (
@@ -233,6 +234,19 @@ def source_warnings(
         )
     yield from _changed_options(groups, named)
     yield from _stand_ins(tables)
+
+
+def left_out(groups: Groups, replayed: Sequence[Replayed]) -> Iterator[Warning]:
+    """Adversaries of a matrix in whose games no run was scored."""
+    for each in replayed:
+        if each.note and not each.file and not groups.fits(each.score):
+            yield Warning(
+                kind="left out",
+                loud=True,
+                text=f"{each.label} in {each.score.env} is in no table: no run was scored in the same games.",
+                game=each.score.env,
+                column=each.label,
+            )
 
 
 def _changed_options(groups: Groups, named: Mapping[Key, Setting]) -> Iterator[Warning]:
