@@ -126,13 +126,16 @@ def _collect(d: Drawing) -> None:
 
 def _learn(d: Drawing) -> None:
     d.room(400, 120, "Learn", "once per rollout")
-    d.arrow((395, 364), (395, 392), (21, 392), (21, 470), (29, 470))
-    d.hook(30, 452, "finish_rollout", 150)
+    d.arrow((395, 364), (395, 392), (21, 392), (21, 452), (29, 452))
+    d.hook(30, 434, "relabel_reward", 150)
+    d.hook(30, 478, "finish_rollout", 150)
+    d.arrow((105, 470), (105, 477))
+    d.arrow((180, 496), (193, 496), (193, 470), (204, 470))
     d.box(206, 440, 140, 60, PART, "advantages", "a critic per stream")
     d.hook(372, 452, "combine_advantages", 178)
     d.hook(576, 452, "update_auxiliary", 160)
     d.box(762, 440, 150, 60, PART, "PPO", "actor and critics")
-    for start, end in ((180, 204), (346, 370), (550, 574), (736, 760)):
+    for start, end in ((346, 370), (550, 574), (736, 760)):
         d.arrow((start, 470), (end, 470))
     d.arrow((820, 440), (820, 214), label="new weights", at=(864, 340))
 

@@ -67,7 +67,7 @@ def facts(spec: FunctionType) -> Iterator[tuple[str, str]]:
     yield "what for", _plain(said.short_description)
     yield "when", _plain(re.search(r"^When: (.*?)(?:\n\n|\Z)", _text(spec), re.DOTALL | re.MULTILINE)[1])
     for parameter in said.params:
-        yield f"`{parameter.arg_name}`", _plain(parameter.description)
+        yield f"`{parameter.arg_name.replace(', ', '`, `')}`", _plain(parameter.description)
     yield "returns", _plain(_answer(said)) if said.returns else "nothing"
     if spec.apil_spec["firstresult"]:
         yield "several answers", "*firstresult*: the first that is not `None` counts"

@@ -148,8 +148,32 @@ class RunHooks:
             ``{name: (n,) float32}`` in the units of ``step.reward``, or ``None``.
         """
 
+    @hookspec(since=2)
+    def relabel_reward(
+        self, run: Run, rollout: Rollout, reward: Tensor, successors: Tensor, victim_successors: Tensor
+    ) -> Tensor | None:
+        """Replace the adversary's main reward over a whole rollout.
+
+        When: once per rollout of the training games, before :meth:`finish_rollout`. Plugins follow one
+            another: required methods, the method, observers in the order of the configuration.
+
+        Args:
+            run: the run.
+            rollout: the ``Rollout``; its ``shaped_reward`` is not set yet.
+            reward: the main reward as the last plugin left it, (T, n), in the units of ``rollout.reward``: at
+                first the sum of that and all terms of :meth:`shape_reward`.
+            successors: s^α after each step, terminal ones included, (T, n, o).
+            victim_successors: the same of the victim, (T, n, o').
+
+        Returns:
+            the main reward the next plugin or the learner gets, (T, n) float32, not normalised, or ``None``:
+            unchanged.
+        """
+
     @hookspec(since=1)
-    def finish_rollout(self, run: Run, rollout: Rollout) -> dict[str, Tensor] | None:
+    def finish_rollout(
+        self, run: Run, rollout: Rollout, successors: Tensor, victim_successors: Tensor
+    ) -> dict[str, Tensor] | None:
         """Add reward streams, each with its own critic.
 
         When: once per rollout, before advantages are computed.
@@ -157,6 +181,7 @@ class RunHooks:
         Args:
             run: the run.
             rollout: the ``Rollout``, all tensors (T, n, …).
+            successors, victim_successors: see :meth:`relabel_reward`.
 
         Returns:
             ``{name: (T, n) float32}``, the same names in every rollout, or ``None``.
@@ -179,7 +204,7 @@ class RunHooks:
 
     @hookspec(since=1)
     def update_auxiliary(
-        self, run: Run, rollout: Rollout
+        self, run: Run, rollout: Rollout, successors: Tensor, victim_successors: Tensor
     ) -> dict[str, float] | Callable[[], dict[str, float]] | None:
         """Train a method's auxiliary models.
 
@@ -190,6 +215,7 @@ class RunHooks:
         Args:
             run: the run; ``run.collect`` and ``run.generator`` may be used here.
             rollout: the ``Rollout``; ``rollout.advantages`` is set.
+            successors, victim_successors: see :meth:`relabel_reward`.
 
         Returns:
             ``{name: number}``, logged as ``<plugin>/<name>``; or a function of no arguments that does the

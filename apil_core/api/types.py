@@ -119,7 +119,7 @@ class StepBatch:
     """One step of all games, for hooks. Valid during the hook call only; do not modify.
 
     Attributes:
-        observation: the adversary's observation s^α_t, after filters, shape (n, o).
+        observation: the adversary's observation s^α_t, before the step, after filters, shape (n, o).
         victim_observation: s^ν_t, shape (n, o').
         action, victim_action: a^α_t and a^ν_t as chosen (unclipped), (n, a) and (n, a').
         victim_distribution: what a^ν_t was drawn from, or ``None`` for a black box.
@@ -128,7 +128,7 @@ class StepBatch:
             deviation of its own discounted return, clipped to ±10, shape (n,).
         sparse, dense: per role, shape (2, n): row 0 adversary, row 1 victim.
         first: shape (n,), bool: s_t is a game's first.
-        done: shape (n,), bool: the game ended with this step.
+        done: shape (n,), bool: the game ended with this step; the next one's observation is a new game's.
         outcome: shape (n,), int8: +1 adversary won, −1 victim won, 0 tie; only where ``done``.
         cause: shape (n,), int8: index into ``GameLayout.causes``; only where ``done``.
     """
@@ -154,6 +154,9 @@ class StepBatch:
 class Rollout:
     """One iteration's transitions, time first. Buffers are reused: copy what must outlive the iteration.
 
+    Where ``done[t]``, the observation of step t + 1, and after the last step ``next_observation``, is the
+    first of the next game; the last of the ended game is only in ``successors``. Time-outs are ends, too.
+
     Attributes:
         observation: s^α, shape (T, n, o), after filters, before normalisation.
         victim_observation: s^ν, shape (T, n, o').
@@ -161,13 +164,17 @@ class Rollout:
         action, victim_action: shape (T, n, a), (T, n, a').
         victim_mean, victim_std: of the victim's distribution, (T, n, a'), or ``None`` for a black box.
         reward, victim_reward, normalized_reward, normalized_victim_reward: shape (T, n).
-        shaped_reward: what the learner gets: normalised sum of ``reward`` and all terms, (T, n).
+        shaped_reward: what the learner gets: normalised sum of ``reward`` and all terms, or what
+            ``relabel_reward`` made of the sum, (T, n).
         first, done: shape (T, n), bool.
         groups: extra observation groups as given by ``extend_observation``, each (T, n, k).
         next_groups: the same for the observation after the last step, each (n, k).
         advantages: shape (T, n); set before ``update_auxiliary``.
         action_mean, action_std: of the adversary's distribution that ``action`` was drawn from, (T, n, a);
             ``None`` in the rollouts of ``run.collect``.
+        successors, victim_successors: s^α and s^ν after each step, (T, n, o) and (T, n, o'): the next
+            observation, or where ``done`` the ended game's last, before the reset and without filters.
+            ``None`` unless a hook of the run takes the argument of that name, and in ``run.collect``.
     """
 
     observation: Tensor
@@ -190,6 +197,8 @@ class Rollout:
     advantages: Tensor | None = None
     action_mean: Tensor | None = None
     action_std: Tensor | None = None
+    successors: Tensor | None = None
+    victim_successors: Tensor | None = None
 
     def after(self, step: int) -> Rollout:
         """The rollout without its first ``step`` steps; views of the same memory."""

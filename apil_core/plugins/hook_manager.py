@@ -86,6 +86,11 @@ class RunHookManager:
         """True if any plugin of this run implements ``hook`` (to skip work that none would use)."""
         return bool(getattr(self.manager.hook, hook).get_hookimpls())
 
+    def asks_for(self, argument: str) -> bool:
+        """True if a hook implementation of this run takes ``argument`` (to skip what none would read)."""
+        callers = vars(self.manager.hook).values()
+        return any(argument in impl.argnames for caller in callers for impl in caller.get_hookimpls())
+
     def callers(self, hook: str) -> dict[str, Any]:
         """Plugins that implement ``hook`` → a caller of that plugin alone, in order of registration.
 

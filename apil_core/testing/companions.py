@@ -38,6 +38,11 @@ class Follower(Method):
         return {TERM: torch.full_like(step.reward, 0.01)}
 
     @hookimpl
+    def relabel_reward(self, rollout: Rollout, reward: Tensor, successors: Tensor) -> Tensor:
+        """Return a reward that depends on the observations after each step, (T, n)."""
+        return reward + 0.01 * (successors - rollout.observation).square().mean(-1)
+
+    @hookimpl
     def finish_rollout(self, run: Run, rollout: Rollout) -> dict[str, Tensor]:
         """Return a stream, (T, n)."""
         return {STREAM: rollout.normalized_reward.clone()}

@@ -13,7 +13,13 @@ from apil_core.testing.method_under_test import MethodUnderTest
 from apil_core.testing.reports import HookCost
 
 _PER_STEP = ("filter_observation", "extend_observation", "shape_reward")
-_PER_ROLLOUT = ("finish_rollout", "combine_advantages", "update_auxiliary", "iteration_finished")
+_PER_ROLLOUT = (
+    "relabel_reward",
+    "finish_rollout",
+    "combine_advantages",
+    "update_auxiliary",
+    "iteration_finished",
+)
 
 
 def check_calls(tested: MethodUnderTest, run: WatchedRun) -> None:
@@ -46,7 +52,7 @@ def _fillers(hooks: RunHookManager, name: str) -> list[str]:
 
 
 def _event(call: Call) -> str:
-    if call.hook in ("filter_observation", "update_auxiliary"):  # called one by one
+    if call.hook in ("filter_observation", "relabel_reward", "update_auxiliary"):  # called one by one
         return f"{call.hook} of {call.plugins[0]}"
     return call.hook
 
@@ -68,7 +74,7 @@ def expected_calls(fillers: dict[str, list[str]], *, rollouts: int, steps: int) 
 
     observe = 2 * each("filter_observation") + some("extend_observation")
     rollout = steps * (some("shape_reward") + observe)
-    rollout += some("finish_rollout") + some("combine_advantages")
+    rollout += each("relabel_reward") + some("finish_rollout") + some("combine_advantages")
     rollout += each("update_auxiliary") + some("iteration_finished")
     end = some("evaluation_finished") + some("run_finished")
     return observe + some("run_started") + rollouts * rollout + end

@@ -171,6 +171,7 @@ def check_companions(tested: MethodUnderTest, out: Path) -> None:
     lost = {
         "extend_observation": companions.GROUP not in follower.seen_groups,
         "shape_reward": f"reward/{companions.TERM}" not in last,
+        "relabel_reward": "reward/relabelled" not in last,
         "finish_rollout": companions.STREAM not in trainer.attack.learner.critics,
         "update_auxiliary": f"{companions.FOLLOWER}/{companions.METRIC}" not in last,
     }

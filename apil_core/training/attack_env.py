@@ -39,7 +39,7 @@ from apil_core.training.observation_filter import ObservationFilter
 from apil_core.training.rewards import dense_share, training_reward
 from apil_core.training.rollout_buffer import RolloutBuffer
 
-_OWN_TERMS = {"adversary", "victim", "uneven_share"}
+_OWN_TERMS = {"adversary", "victim", "uneven_share", "relabelled"}
 """Names under ``reward/`` in the metrics that plugins cannot use."""
 
 
@@ -131,6 +131,10 @@ class AttackEnv:
         seen = ObservationFilter(hooks, {c.side: c for c in self.contexts.values()})
         self._games = TwoPlayerGames(game, self.device, seen)
         self._shapes = learning and hooks.implements("shape_reward")
+        self.relabels = False
+        """Stored rewards are not normalised until :meth:`relabel`, which the trainer who sets this calls."""
+        sides = {"successors": adversary_side, "victim_successors": 1 - adversary_side}
+        self._followed = {name: side for name, side in sides.items() if learning and hooks.asks_for(name)}
         self._pending: Pending | None = None
 
     def _context(self, role: Any, side: int, generator: torch.Generator) -> Context:
@@ -171,15 +175,27 @@ class AttackEnv:
         shaped = self._shape(step)
         self.buffer.add(step, shaped, pending.groups)
         self.steps += self.num_envs
+        last = {name: self.game.observations[side][result.done] for name, side in self._followed.items()}
         self._games.reset(result.done)
         self.episode_length_buf = torch.where(step.done, 0, self.episode_length_buf + 1)
         self._observe()
+        for name, side in self._followed.items():
+            self.buffer.follow(name, self._games.observation(side), step.done, self._tensor(last[name]))
         return self.pending.observations, shaped, step.done, {}
 
     def finish_rollout(self) -> Rollout:
         """All steps since the last call."""
         pending = self.pending
         return self.buffer.finish(pending.view.own, pending.view.opponent, pending.groups)
+
+    def relabel(self, rollout: Rollout, reward: Tensor) -> None:
+        """Make ``reward`` (T, n), not normalised, the rollout's ``shaped_reward``, from which PPO learns.
+
+        Normalised step by step, as :meth:`step` does where nothing is relabelled.
+        """
+        normalizer = self.normalizers["shaped"]
+        for shaped, value, done in zip(rollout.shaped_reward, reward, rollout.done, strict=True):
+            shaped.copy_(normalizer.update(value, done) if self.config.reward.normalize else value)
 
     @torch.inference_mode()
     def _observe(self) -> None:
@@ -242,7 +258,7 @@ class AttackEnv:
         if taken:
             raise self.hooks.plugin_error("shape_reward", f"the name {min(taken)!r} is taken; choose another")
         self.stats.add(step, {"adversary": step.reward, "victim": step.victim_reward, **terms})
-        if not self.config.reward.normalize:
+        if self.relabels or not self.config.reward.normalize:
             return total
         normalizer = self.normalizers["shaped"]
         return normalizer.update(total, step.done) if self.learning else normalizer(total)

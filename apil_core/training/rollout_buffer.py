@@ -52,6 +52,19 @@ class RolloutBuffer:
                 self._column(self._groups, name, value)[t].copy_(value)
         self._length += 1
 
+    def follow(self, name: str, observation: Tensor, done: Tensor, last: Tensor) -> None:
+        """Set the newest step's successors of that name.
+
+        Args:
+            name: of the rollout's field.
+            observation: after the step and the resets, (n, o).
+            done: (n,) bool, games that ended with the step.
+            last: of those, their last observations, (m, o).
+        """
+        row = self.column(name, observation)[self._length - 1]
+        row.copy_(observation)
+        row[done] = last
+
     def column(self, name: str, row: Tensor) -> Tensor:
         """All steps of one of a rollout's fields, (T, n, ...), made for rows like that one if it is new."""
         return self._column(self._data, name, row)

@@ -56,6 +56,8 @@ class Trainer:
         own = [] if attack.env.privileged is None else [attack.env.privileged]
         statistics = [attack.builder.normalizers, *attack.env.normalizers.values(), *own]
         self._replicas = Replicas(attack.world, attack.hooks.of(RunPlugin), statistics)
+        self._relabelling = attack.hooks.callers("relabel_reward")
+        attack.env.relabels = bool(self._relabelling)
         attack.env.played = lambda: self.steps
         attack.env.shape_reward = partial(self.hook.shape_reward, run=self)
 
@@ -118,6 +120,7 @@ class Trainer:
         hooks, learner = self.attack.hooks, self.attack.learner
         acted = learner.distribution()
         rollout.action_mean, rollout.action_std = acted.mean, acted.std
+        relabelled = self._relabel(rollout)
         streams = self._streams(rollout)
         advantages = learner.advantages(self.attack.env.get_observations(), streams)
         mixed = hooks.hook.combine_advantages(run=self, rollout=rollout, streams=advantages)
@@ -131,7 +134,20 @@ class Trainer:
             learning_rate=self._learning_rate(),
             actor_fixed=actor_fixed,
         )
-        return self._update(rollout, update)
+        return relabelled | self._update(rollout, update)
+
+    def _relabel(self, rollout: Rollout) -> dict[str, float]:
+        """Let plugins replace the main reward, one after the other; returns its mean as a metric."""
+        if not self._relabelling:
+            return {}
+        hooks, reward = self.attack.hooks, rollout.shaped_reward
+        for name, ask in self._relabelling.items():
+            for answer in ask(run=self, rollout=rollout, reward=reward, **_successors(rollout)):
+                shape = tuple(rollout.done.shape)
+                reward = hooks.checked("relabel_reward", "", answer, shape, by=name)
+        mean = float(reward.mean())  # before it may be normalised in place
+        self.attack.env.relabel(rollout, reward)
+        return {"reward/relabelled": mean}
 
     def _update(self, rollout: Rollout, ppo: Callable[[], dict[str, float]]) -> dict[str, float]:
         """Update auxiliary models and PPO; functions returned by plugins run in parallel with PPO's update.
@@ -143,7 +159,9 @@ class Trainer:
         metrics: dict[str, float] = {}
         later: dict[str, Callable[[], Any]] = {}
         for name, plugin in hooks.plugins.items():
-            for answer in hooks.only(plugin).update_auxiliary(run=self, rollout=rollout):
+            for answer in hooks.only(plugin).update_auxiliary(
+                run=self, rollout=rollout, **_successors(rollout)
+            ):
                 if callable(answer):
                     later[name] = answer
                 else:
@@ -172,7 +190,7 @@ class Trainer:
     def _streams(self, rollout: Rollout) -> dict[str, Tensor]:
         """Further reward streams, checked: a stream left out once would train its critic on old targets."""
         hooks, critics = self.attack.hooks, self.attack.learner.critics
-        answers = hooks.hook.finish_rollout(run=self, rollout=rollout)
+        answers = hooks.hook.finish_rollout(run=self, rollout=rollout, **_successors(rollout))
         streams = hooks.merged(answers, "finish_rollout")
         if MAIN_STREAM in streams:
             raise hooks.plugin_error("finish_rollout", f"the name {MAIN_STREAM!r} is taken; choose another")
@@ -269,6 +287,11 @@ class Trainer:
         for plugins, key in ((attack.methods, "methods"), (attack.hooks.of(Observer), "observers")):
             fresh = states_of(plugins)
             load_known_states(plugins, of_other_games(state.get(key, {}), fresh, there, here))
+
+
+def _successors(rollout: Rollout) -> dict[str, Tensor | None]:
+    """Arguments of hooks that may ask for the observations after each step."""
+    return {"successors": rollout.successors, "victim_successors": rollout.victim_successors}
 
 
 def _named(plugin: str, answer: Mapping[str, Any]) -> dict[str, float]:

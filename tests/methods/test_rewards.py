@@ -53,6 +53,9 @@ def terms(hooks, step):
 
 # Three endings in training units (w_sparse = .01): the adversary wins (zero-sum), a tie that costs
 # both 1000, and a keeper's win with both bonuses (kicker −1000, keeper +2000).
+_NOT_ASKED = {"successors": None, "victim_successors": None}
+"""Arguments that APL's hooks do not take."""
+
 ENDINGS = ([10.0, -10.0, 20.0], [-10.0, -10.0, -10.0])
 
 
@@ -71,7 +74,9 @@ def test_advantage_difference_replaces_the_reward_term():
     hooks = hooks_of("apl", apl={"advantage_difference": True})
     assert terms(hooks, step_with(*ENDINGS)) == {}
     rollout = rollout_with([[0.0], [0.0]], [[3.0], [5.0]])
-    streams = hooks.merged(hooks.hook.finish_rollout(run=None, rollout=rollout), "finish_rollout")
+    streams = hooks.merged(
+        hooks.hook.finish_rollout(run=None, rollout=rollout, **_NOT_ASKED), "finish_rollout"
+    )
     assert streams["victim"].tolist() == [[3.0], [5.0]]
     mixed = hooks.hook.combine_advantages(
         run=None,

@@ -188,6 +188,8 @@ FIRST = {
     "`shape_reward` forgets `self`": method(
         "@hookimpl\ndef shape_reward(step):\n    return {'b': step.reward}"
     ),
+    "`relabel_reward`: wrong shape": hook("relabel_reward(reward)", "return reward[0]"),
+    "`relabel_reward` is wrapped": hook("relabel_reward()", "return (yield)", mark="hookimpl(wrapper=True)"),
     "`finish_rollout`: wrong shape": hook("finish_rollout(rollout)", 'return {"s": rollout.reward[0]}'),
     "`finish_rollout`: name taken": hook("finish_rollout(rollout)", 'return {"reward": rollout.reward}'),
     "`combine_advantages`: wrong shape": hook("combine_advantages(streams)", 'return streams["reward"][0]'),

@@ -172,7 +172,12 @@ def test_what_the_watch_sees_in_one_call(name: str, check: str, hook: str, text:
         "iteration_finished": {"run": None, "metrics": {"steps": 1.0}},
         "combine_advantages": {"run": None, "rollout": None, "streams": {"reward": torch.ones(4, 2)}},
         "shape_reward": {"run": None, "step": types.SimpleNamespace(reward=torch.ones(2))},
-        "update_auxiliary": {"run": None, "rollout": None},
+        "update_auxiliary": {
+            "run": None,
+            "rollout": None,
+            "successors": None,
+            "victim_successors": None,
+        },
     }
     getattr(hooks.hook, hook)(**given[hook])
     (mistake,) = spy.mistakes
