@@ -16,7 +16,7 @@ class EpisodicConfig(Section):
     """ε: weight of the change of the remembered return; 0: the game's reward."""
     pattern_length: Annotated[int, Field(gt=0)] = 10
     """k: steps a pattern averages over, and between two remembered ones of a game."""
-    group_size: Annotated[int, Field(gt=0)] = 8
+    group_size: Annotated[int, Field(gt=0)] = 32
     """n: similar patterns whose returns are averaged."""
     capacity: Annotated[int, Field(gt=0)] = 4096
     """Patterns remembered; the oldest are replaced."""
