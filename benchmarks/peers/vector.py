@@ -156,7 +156,7 @@ def drawn(env: str, found: dict[str, list[list[Point]]]) -> Figure:
     figure = Figure(figsize=(9, 3.4), layout="constrained")
     for column, axis in enumerate(figure.subplots(1, 2, sharey=True)):
         for (name, runs), pen in zip(found.items(), pens(len(found)), strict=True):
-            all_runs = np.array(runs)  # (seeds, iterations, 3)
+            all_runs = np.array(runs)[:, 1:]  # (seeds, iterations, 3); in the first only short games ended
             for run in all_runs:
                 axis.plot(run[:, column], run[:, 2] * 100, color=pen.colour, alpha=0.3, linewidth=0.8)
             mean = all_runs.mean(0)
