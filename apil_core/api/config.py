@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from types import UnionType
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from apil_core.common.numbers import whole_number
 
 if TYPE_CHECKING:
     from apil_core.api.specs import MethodSpec
@@ -41,6 +53,15 @@ def _path_text(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
+def _types(annotation: Any) -> set[Any]:
+    """The alternatives of an annotation: those of ``Annotated[int, …] | None`` are int and None."""
+    if get_origin(annotation) is Annotated:
+        return _types(get_args(annotation)[0])
+    if get_origin(annotation) in (Union, UnionType):
+        return set().union(*map(_types, get_args(annotation)))
+    return {annotation}
+
+
 class Section(BaseModel):
     """Base of every config model: unknown keys are errors, values are checked on assignment."""
 
@@ -50,6 +71,15 @@ class Section(BaseModel):
         use_attribute_docstrings=True,
         ser_json_inf_nan="constants",
     )
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _whole_number(cls, value: Any, info: ValidationInfo) -> Any:
+        """300k and 35M as numbers, for fields that are whole numbers."""
+        kinds = _types(cls.model_fields[info.field_name or ""].annotation)
+        with suppress(ValueError):
+            return whole_number(value) if isinstance(value, str) and {int, str} & kinds == {int} else value
+        return value  # the field's own validation says what is wrong
 
 
 Width = Annotated[int, Field(gt=0, le=2**16)]

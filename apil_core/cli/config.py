@@ -83,8 +83,8 @@ def diff(first: str, second: str, /, *, plugin: Plugins | None = None, as_json: 
     """
     from apil_core.config.resolve import differences
 
-    layers = [_layer(first), _layer(second)]
-    a, b = (_resolve([_names_of(other), own], plugin) for own, other in (layers, reversed(layers)))
+    sides = [_layers(first), _layers(second)]
+    a, b = (_resolve([_names_of(other), *own], plugin) for own, other in (sides, reversed(sides)))
     found = differences(a, b)
     if as_json:
         print_json({key: {"first": x, "second": y} for key, (x, y) in found.items()})
@@ -100,12 +100,11 @@ def diff(first: str, second: str, /, *, plugin: Plugins | None = None, as_json: 
 
 def _checked(file: Path, more: list[Path]) -> tuple[list[str], RunConfig | None]:
     """Errors of a config file, one per line; plugins that cannot be loaded do not stop the other checks."""
-    from apil_core.config.layers import file_layer
-    from apil_core.config.resolve import plugin_files, resolve_layers
+    from apil_core.config.resolve import gather, plugin_files, resolve_layers
     from apil_core.plugins.default_victim import why_absent
     from apil_core.plugins.discovery import discover
 
-    layers = [file_layer(file)]
+    layers = gather(file)
     errors: list[str] = []
     try:
         plugins = discover([*plugin_files(layers), *more])
@@ -121,18 +120,19 @@ def _checked(file: Path, more: list[Path]) -> tuple[list[str], RunConfig | None]
     return errors, config
 
 
-def _layer(name: str) -> Layer:
+def _layers(name: str) -> list[Layer]:
     """Load a preset by name, else a file or run directory."""
-    from apil_core.config.layers import file_layer, preset_layer, preset_names
+    from apil_core.config.layers import file_layers, preset_layer, preset_names
 
     is_path = Path(name).exists() or "/" in name or name.endswith((".yaml", ".yml"))
-    return file_layer(Path(name)) if is_path and name not in preset_names() else preset_layer(name)
+    return file_layers(Path(name)) if is_path and name not in preset_names() else [preset_layer(name)]
 
 
-def _names_of(layer: Layer) -> Layer:
-    from apil_core.config.layers import flag_layer
+def _names_of(layers: list[Layer]) -> Layer:
+    from apil_core.config.layers import flag_layer, merge
 
-    return flag_layer({key: layer.data.get(key) for key in ("method", "env")})
+    data = merge({}, layers)[0]
+    return flag_layer({key: data.get(key) for key in ("method", "env")})
 
 
 def _resolve(layers: list[Layer], plugin: list[Path] | None) -> RunConfig:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 
 def whole_number(text: str) -> int:
     """A whole number, also written 300k, 35M, 1e6 or 1_000_000.
@@ -10,7 +12,10 @@ def whole_number(text: str) -> int:
         ValueError: it is none.
     """
     factor = {"k": 10**3, "m": 10**6}.get(text[-1:].lower(), 1)
-    value = float(text[:-1] if factor > 1 else text) * factor
+    digits = text[:-1] if factor > 1 else text
+    with suppress(ValueError):
+        return int(digits) * factor  # exact, also above 2⁵³
+    value = float(digits) * factor
     if not value.is_integer():  # nor are NaN and infinity
         raise ValueError(f"{text!r} is not a whole number")
     return int(value)

@@ -123,6 +123,23 @@ def file_layer(path: Path, *, quick: bool = False) -> Layer:
     return Layer(data, origins, stored=(path.parent / ENVIRONMENT).is_file() and path.name == CONFIG)
 
 
+def file_layers(path: Path) -> list[Layer]:
+    """The presets that a file names under ``presets``, lowest first, and its own values.
+
+    Raises:
+        ConfigError: it cannot be read, is not a YAML mapping, or names what is no preset.
+    """
+    layer = file_layer(path)
+    names = layer.data.pop("presets", None) or []
+    names = [names] if isinstance(names, str) else names
+    try:
+        if len(texts_in(names)) != len(names):
+            raise ConfigError("should be a list of names, such as [paper]")
+        return [*map(preset_layer, names), layer]
+    except (ConfigError, UnknownNameError, TypeError) as error:
+        raise ConfigError(f"{layer.origins[('presets',)]}: presets: {error}") from error
+
+
 def write_copy(path: Path, text: str) -> None:
     """Cache the values of ``path``'s YAML ``text`` beside it as JSON, which listings read much faster."""
     data, _ = parse_yaml(text, str(path))
@@ -312,8 +329,20 @@ def _shown(value: Any) -> str:
     return " ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
 
 
+_WORDS = (
+    ("another document", "a second document begins here: settings are one"),
+    (
+        "mapping values are not",
+        "a key inside the value above it: check the indent, and quote text with a colon",
+    ),
+    ("expected <block end>", "the indent fits no line above"),
+    ("'\\t' that cannot", "a tab: indent with spaces"),
+    ("for the tag", "a tag (!…) is no setting: a list is written [1, 2]"),
+)
+"""Parts of YAML's messages, and what they mean to one who writes settings."""
+
+
 def _reason(error: Exception) -> str:
     text = getattr(error, "problem", None) or str(error)
-    if "another document" in text:
-        return "a second document begins here: settings are one"
-    return " ".join(text.split("\n")[0].split())
+    said = " ".join(text.split("\n")[0].split())
+    return next((words for part, words in _WORDS if part in text), said)

@@ -12,6 +12,12 @@ from pydantic import BaseModel, ValidationError
 from apil_core.common.errors import ConfigError, UnknownNameError, suggest
 from apil_core.config.layers import Key
 
+_SHOULD = {
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "should be a whole number"),
+    **dict.fromkeys(("tuple_type", "list_type"), "should be a list, such as [64, 64]"),
+}
+"""What pydantic's kinds of errors ask for, in the words of a settings file."""
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -77,7 +83,7 @@ def _reason(item: dict[str, Any], model: type[BaseModel]) -> str:
         return f"should be a section of keys and values, got {item['input']!r}"
     if kind == "value_error":
         return str(item["ctx"]["error"])
-    reason = item["msg"].removeprefix("Input ")
+    reason = _SHOULD.get(kind) or item["msg"].removeprefix("Input ")
     reason = reason[0].lower() + reason[1:]
     value = item["input"]
     shown = f", got {value!r}" if isinstance(value, (str, int, float, bool, type(None))) else ""

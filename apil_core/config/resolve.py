@@ -26,6 +26,7 @@ from apil_core.config.layers import (
     Key,
     Layer,
     file_layer,
+    file_layers,
     flag_layer,
     located,
     merge,
@@ -54,7 +55,7 @@ def gather(
     """The layers of one configuration, lowest first.
 
     Args:
-        file: a YAML file, or a run directory.
+        file: a YAML file, or a run directory. Presets that it names lie below ``presets``.
         presets: names, the later ones on top.
         sets: ``a.b=c`` texts.
         flags: values by config key; ``None`` means not given.
@@ -63,9 +64,8 @@ def gather(
         ConfigError: a layer cannot be read.
         UnknownNameError: there is no such preset.
     """
-    layers = [preset_layer(name) for name in presets]
-    layers += [file_layer(Path(file))] if file is not None else []
-    return [*layers, flag_layer(flags or {}), *map(set_layer, sets)]
+    *named, own = file_layers(Path(file)) if file is not None else [Layer({})]
+    return [*named, *map(preset_layer, presets), own, flag_layer(flags or {}), *map(set_layer, sets)]
 
 
 def plugin_files(layers: Sequence[Layer]) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field, create_model
 
 from apil_core.api.config import RunConfig, Section
 from apil_core.api.specs import RunPluginSpec, options_model, titled
+from apil_core.config.layers import preset_names
 from apil_core.plugins.discovery import PluginRegistry
 
 
@@ -46,6 +47,7 @@ def json_schema(plugins: PluginRegistry, method: str | None = None) -> dict[str,
     for section in schema.get("$defs", {}).values():
         if section.get("title") == "MethodOptions":
             section.pop("required", None)
+    schema["properties"]["presets"] = {"type": ["string", "array"], "items": {"enum": preset_names()}}
     schema["properties"]["method"]["enum"] = [method] if method else sorted(plugins.methods)
     schema["properties"]["env"].update(_game_schema(plugins))
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -51,6 +51,32 @@ def test_each_layer_covers_the_one_below(registry: PluginRegistry, tmp_path: Pat
     assert config.threads == 0  # None: not given
 
 
+def test_presets_that_a_file_names_lie_below_it_and_below_preset_flags(
+    registry: PluginRegistry, tmp_path: Path
+) -> None:
+    file = write(tmp_path / "a.yaml", "presets: [apil-code, quick]\nppo:\n  epochs: 20\n")
+    config = resolve(file, plugins=registry)
+    assert (config.ppo.minibatches, config.steps, config.ppo.epochs) == (128, 300_000, 20)
+    assert (
+        resolve(file, ["paper"], plugins=registry).steps == resolve(presets=["paper"], plugins=registry).steps
+    )
+    one = write(tmp_path / "b.yaml", "presets: quick\n")
+    assert resolve(one, plugins=registry) == resolve(presets=["quick"], plugins=registry)
+
+
+@pytest.mark.parametrize(
+    ("text", "steps"),
+    [("35M", 35_000_000), ("1.5k", 1500), ("1e6", 1_000_000), ("9007199254740993", 2**53 + 1)],
+)
+def test_whole_numbers_have_their_short_forms_in_files(
+    registry: PluginRegistry, tmp_path: Path, text: str, steps: int
+) -> None:
+    file = write(tmp_path / "a.yaml", f"steps: {text}\nreward:\n  anneal_budget: '{text}'\nvictim: 35M\n")
+    config = resolve(file, sets=[f"evaluation.every_steps={text}"], plugins=registry)
+    assert (config.steps, config.reward.anneal_budget, config.evaluation.every_steps) == (steps, steps, steps)
+    assert config.victim == "35M"
+
+
 def test_set_values_are_yaml_and_the_last_one_wins(registry: PluginRegistry) -> None:
     sets = ["ppo.hidden=[8, 4]", "ppo.learning_rate=1e-3", "seed=1", "seed=2", "victim_side=null"]
     config = resolve(sets=[*sets, "evaluation={episodes: 7}"], plugins=registry)

@@ -101,7 +101,7 @@ def test_a_wrong_profile_or_value_is_one_line(sand: PluginRegistry) -> None:
     assert str(caught.value) == (
         "--set game.physics=fats: should be 'faithful' or 'fast', got 'fats' (did you mean 'fast'?)"
     )
-    with pytest.raises(ConfigError, match="valid integer"):
+    with pytest.raises(ConfigError, match="whole number"):
         played(sand, "game.grain=many", **{"game.physics": "fast"})
 
 

@@ -51,11 +51,6 @@ def _seeds(value: Any) -> Any:
     return tuple(number_list(value)) if isinstance(value, str) else _one_or_more(value)
 
 
-def _single_steps(value: Any) -> Any:
-    return whole_number(value) if isinstance(value, str) else value
-
-
-Steps = Annotated[int, Field(gt=0), BeforeValidator(_single_steps)]
 Names = Annotated[tuple[str, ...], BeforeValidator(_one_or_more)]
 
 
@@ -81,7 +76,7 @@ class ScoreConfig(Section):
 class RetrainingStage(Section):
     """Victims hardened against each method's adversary (tables 3 and 4)."""
 
-    steps: Steps = 10_000_000
+    steps: Annotated[int, Field(gt=0)] = 10_000_000
     """Environment steps of each retraining."""
     games: Names = ()
     """Only in these games; empty: in all."""
