@@ -7,6 +7,7 @@ import os
 import re
 import sys
 import tempfile
+import threading
 import time
 import traceback
 from contextlib import suppress
@@ -52,6 +53,7 @@ def guarded(arguments: list[str]) -> int:
     from apil_core.cli.app import make_app
 
     _make_streams_usable()
+    threading.excepthook = _in_thread
     try:
         os.getcwd()  # libraries end the program without one
         # the shell leaves the ~ of --out=~/runs as it is
@@ -94,6 +96,12 @@ def _make_streams_usable() -> None:
             stream.reconfigure(errors="replace")
 
 
+def _in_thread(failure: threading.ExceptHookArgs) -> None:
+    """A writer's full disk or missing directory is raised again where it is used; print all else."""
+    if not issubclass(failure.exc_type, OSError) or os.environ.get("APIL_DEBUG") == "1":
+        threading.__excepthook__(failure)
+
+
 def _expanded(found: re.Match[str]) -> str:
     return found[1] + os.path.expanduser("~")
 
@@ -101,7 +109,7 @@ def _expanded(found: re.Match[str]) -> str:
 def _of_place(error: OSError) -> str:
     """What is wrong with a file, a directory or standard output."""
     if error.filename:
-        return f"{error.filename}: {error.strerror}"
+        return f"{os.fsdecode(error.filename)}: {error.strerror}"
     if error.errno == errno.ENOENT:
         return "the current directory is gone: change to one that is there"
     with suppress(OSError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from importlib import import_module
@@ -13,7 +14,7 @@ from pydantic import BaseModel
 from apil_core.api.method import RunPlugin
 from apil_core.api.policy import Policy
 from apil_core.common.documents import EXACT
-from apil_core.common.errors import FAILURES, ApilError
+from apil_core.common.errors import FAILURES, ApilError, RunDirError
 from apil_core.common.files import sha256
 from apil_core.common.machine import resident_mb
 from apil_core.common.seeds import stream_seed
@@ -90,6 +91,7 @@ class Session:
         # the best evaluation is only useful while its checkpoint exists
         self.history = EvaluationHistory(evaluations if run_dir.best_path.is_file() else ())
         self.victim = victim_name(self.config, plugins)
+        self._held, self._moved = run_dir.hold(), ""
         self._saved_iteration = -1
         self._said = False
         self._wish = StopWish(progress)
@@ -183,6 +185,12 @@ class Session:
 
     def _iteration(self) -> None:
         trainer = self.trainer
+        if self.world.is_main:
+            self._follow()
+        if self._moved:
+            if self.world.size == 1:
+                self.save()
+            raise RunDirError(self._moved)
         before = trainer.steps
         metrics = trainer.iterate()
         if self.world.is_main:
@@ -198,11 +206,27 @@ class Session:
         """Call :meth:`_report`; if it fails, save the finished iteration first."""
         try:
             self._report(before, metrics)
-        except FAILURES:
+        except FAILURES as error:
             if self.world.size == 1:  # else saving would wait for processes that wait here
                 with suppress(ApilError):
                     self.save()
+            if self._moved:
+                raise RunDirError(self._moved) from error
             raise
+
+    def _follow(self) -> None:
+        """Find the run's directory if it was moved, or make it again if it was deleted, and remember that."""
+        before, self.run_dir = self.run_dir, self.run_dir.found(self._held)
+        if before is self.run_dir:
+            return
+        moved = os.path.samestat(os.fstat(self._held.descriptor), self.run_dir.path.stat())
+        os.close(self._held.descriptor)
+        self._held, self._saved_iteration = self.run_dir.hold(), -1
+        what = f"moved to {self.run_dir.path}" if moved else "deleted with its log and checkpoints"
+        where = f"{self.world.command} resume {self.run_dir.path}"
+        self._moved = (
+            f"{before.path} was {what} during training; from iteration {self.trainer.iteration}: {where}"
+        )
 
     def _report(self, before: int, metrics: dict[str, float]) -> None:
         """Evaluate if it is due, and report the iteration to recorders, progress and hooks."""
@@ -219,6 +243,7 @@ class Session:
             self._said = True
         trainer.hook.iteration_finished(run=trainer, metrics=metrics)
         if self.history.best is not best:
+            self._follow()
             checkpoint.save(self.run_dir.best_path, self._state())
 
     def save(self) -> None:
@@ -230,11 +255,14 @@ class Session:
         if self._saved_iteration == iteration:
             return
         state = self._state()
+        if self.world.is_main:
+            self._follow()
         path = self.run_dir.checkpoint_path(iteration)
         if not self.world.is_main:
             checkpoint.save(part_of_rank(path, self.world.rank), state)
         self.world.wait()
         if self.world.is_main:
+            path.parent.mkdir(exist_ok=True)
             checkpoint.save(path, state)
             self.run_dir.prune(self.config.checkpoint.keep)
         self._saved_iteration = iteration
@@ -273,6 +301,9 @@ class Session:
             with suppress(Stopped):  # the checkpoint is written already
                 evaluation = self._final_evaluation()
                 status = "finished"
+            self._follow()  # the score is written where the directory is now
+            if self._moved:
+                self.progress.note(self._moved)
         if evaluation is not None:
             scores = _evaluation_metrics(evaluation, "final")
             self.log.summarize({"final/steps": self.trainer.steps, **scores})
@@ -321,6 +352,7 @@ class Session:
         return result
 
     def _close(self) -> None:
+        os.close(self._held.descriptor)
         self.log.close()
         self.progress.finished(self.run_dir.path)
         self.trainer.attack.game.close()

@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+from apil_core.testing.states import differences
+from apil_core.training.storage import checkpoint
 from apil_core.training.storage.run_dir import RunDir
 from cli.cli_helpers import COIN, SMALL, TINY, Apil
 
@@ -76,6 +78,46 @@ def test_a_home_directory_behind_an_equals_sign(
     done = apil("run", *TINY, *SMALL, "--method", "adrl", "--out=~/a~b", "--quiet")
     assert done.code == 0, done.err
     assert (tmp_path / "home" / "a~b" / "result.json").is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "said", "place"),
+    [
+        ("os.rename('r', 'moved')", "r was moved to {}/moved during training; from iteration 1: ", "moved"),
+        (
+            "shutil.rmtree('r')",
+            "r was deleted with its log and checkpoints during training; from iteration 1: ",
+            "r",
+        ),
+        (
+            "os.unlink('r/metrics.jsonl')",
+            "r/metrics.jsonl was deleted during training; its rows until now",
+            "r",
+        ),
+        ("shutil.rmtree('r/checkpoints')", "", "r"),
+    ],
+    ids=["moved", "deleted", "no log", "no checkpoints"],
+)
+def test_a_directory_that_changes_during_training(tmp_path: Path, change: str, said: str, place: str) -> None:
+    (tmp_path / "change.py").write_text(
+        "import os, shutil\nfrom apil_core import hookimpl\n\n\n@hookimpl\ndef iteration_finished(metrics):\n"
+        f"    if not os.path.exists('done'):\n        open('done', 'w').close()\n        {change}\n"
+    )
+    words = ("run", *TINY, *SMALL, "--method", "adrl", "--plugin", "change.py", "--quiet")
+    words = (*words, "--set", "observers=[change]", "--set", "recorders=[jsonl]", "--out")
+    done = called(*words, "r", cwd=tmp_path, stdout=subprocess.PIPE)
+    assert done.returncode == (2 if said else 0)
+    assert done.stderr.startswith(f"apil: {said.format(tmp_path)}" if said else "")
+    assert done.stderr.count("\n") == bool(said)
+    if said:
+        again = called("resume", place, "--quiet", "--trust", cwd=tmp_path, stdout=subprocess.PIPE)
+        assert again.returncode == 0, again.stderr
+    assert called(*words, "whole", cwd=tmp_path, stdout=subprocess.PIPE).returncode == 0
+    left, whole = (
+        checkpoint.read(RunDir(tmp_path / path).newest_checkpoint())["learner"] for path in (place, "whole")
+    )
+    assert not differences(left, whole)
 
 
 @pytest.mark.slow

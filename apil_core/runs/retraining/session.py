@@ -42,7 +42,6 @@ class RetrainSession(Session):
         state = state or {}
         super().__init__(setting.trainer, directory, progress, plugins, state.get("pending_rows", ()))
         self.setting = setting
-        self.directory = directory
         self.plugins = plugins
         self.retraining = setting.config
         # for the headline: the victim and its opponents
@@ -52,6 +51,12 @@ class RetrainSession(Session):
         before = state.get("before", {})
         self._before = {label: EvaluationResult.model_validate(score) for label, score in before.items()}
         self._after: Scores = {}
+
+    @property
+    def directory(self) -> RetrainDir:
+        """Where everything goes."""
+        assert isinstance(self.run_dir, RetrainDir)
+        return self.run_dir
 
     def retrain(self) -> RetrainResult:
         """Train until the budget is used up or a stop is requested; always save a checkpoint and a victim."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,8 @@ class JsonlRecorder:
         """Append one line."""
         line = json.dumps({key: _json_safe(value) for key, value in metrics.items()}, allow_nan=False)
         try:
+            if not os.fstat(self._file.fileno()).st_nlink:
+                raise RunDirError(f"{self.path} was deleted during training; its rows until now are lost")
             self._file.write(line + "\n")
             self._file.flush()
         except OSError as error:
@@ -81,16 +84,16 @@ def read_metrics(path: Path) -> list[dict[str, float]]:
     """All complete lines of a ``metrics.jsonl``, ``null`` as NaN; a last line cut short is left out.
 
     Raises:
-        RunDirError: the file is missing, or a line before the last is damaged.
+        RunDirError: the file is missing, or a line before the last is damaged or has no ``steps``.
     """
     rows = []
     for number, line in enumerate(_lines(path), 1):
         row = _parse(line)
         try:
-            if row is None:
+            if row is None or not math.isfinite(row["steps"]):
                 raise ValueError
             rows.append({key: math.nan if value is None else float(value) for key, value in row.items()})
-        except (TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError) as error:
             raise RunDirError(f"{path}:{number}: damaged line") from error
     return rows
 

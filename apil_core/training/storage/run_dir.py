@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 from pydantic import BaseModel, ValidationError
 
@@ -25,6 +25,13 @@ BEST = "best"
 """Name for the checkpoint with the highest win rate, in options that choose one."""
 _TAIL = 1 << 18
 """Bytes at the end of a log that are searched for its newest row."""
+
+
+class Held(NamedTuple):
+    """A directory that is kept open, and its settings."""
+
+    descriptor: int
+    files: dict[str, bytes]
 
 
 class RunDir:
@@ -198,6 +205,23 @@ class RunDir:
         """
         with locked(self.path / LOCK, f"another process is training in {self.path}"):
             yield
+
+    def hold(self) -> Held:
+        """Open the directory and read its settings, so that :meth:`found` finds or makes it again."""
+        kept = {path.name: path.read_bytes() for path in (self.config_path, self.environment_path)}
+        return Held(os.open(self.path, os.O_RDONLY), kept)
+
+    def found(self, held: Held) -> Self:
+        """This directory if it is in its place, else the one that it was moved to, or a new one if it is gone."""
+        for path in (self.path, Path(f"/proc/self/fd/{held.descriptor}")):
+            with suppress(OSError):
+                if os.path.samestat(os.fstat(held.descriptor), path.stat()) and path.resolve().is_dir():
+                    return self if path == self.path else type(self)(path.resolve())
+        fresh = type(self)(unused(self.path))
+        fresh.checkpoint_dir.mkdir(parents=True)
+        for name, content in held.files.items():
+            (fresh.path / name).write_bytes(content)
+        return fresh
 
     def prune(self, keep: int) -> None:
         """Delete all but the newest ``keep`` checkpoints, and parts of incomplete ones."""
