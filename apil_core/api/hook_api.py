@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from apil_core.common.errors import FAILURES, PluginError
+from apil_core.common.errors import PluginError, failures
 
 HOOK_API = 2
 """Version of the hooks offered here. A new one comes with every change that can break a plugin."""
@@ -101,7 +101,7 @@ def version_in_source(place: str | Path) -> int | None:
             found = importlib.util.find_spec(place)
             place = Path((found and found.origin) or "")
         statements = ast.parse(place.read_bytes()).body
-    except FAILURES:  # looking for a module imports its package, which may raise anything
+    except failures():  # looking for a module imports its package, which may raise anything
         return None
     for statement in statements:
         if isinstance(statement, (ast.Assign, ast.AnnAssign)) and isinstance(statement.value, ast.Constant):

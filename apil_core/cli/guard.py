@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from apil_core.cli.output import say
-from apil_core.common.errors import ApilError, ConfigError
+from apil_core.common.errors import ApilError, ConfigError, failures
 from apil_core.common.extras import missing
 from apil_core.common.trust import begin
 from apil_core.training.distributed.world import World
@@ -81,7 +81,7 @@ def guarded(arguments: list[str]) -> int:
         last = traceback.extract_tb(error.__traceback__)[-1]
         text = f"{last.filename}, line {last.lineno}: code that a run uses ended the program (exit {error})"
         return complain(text, INTERNAL_ERROR)
-    except Exception as error:
+    except failures() as error:
         return _report(error)
     return result if isinstance(result, int) else 0
 
@@ -148,7 +148,7 @@ def _in_turn() -> str:
     return f"rank {rank}: "
 
 
-def _report(error: Exception) -> int:
+def _report(error: BaseException) -> int:
     if os.environ.get("APIL_DEBUG") == "1":
         traceback.print_exception(error)
         return INTERNAL_ERROR

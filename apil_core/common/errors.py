@@ -35,8 +35,13 @@ class RunDirError(ApilError):
     """A run directory or checkpoint cannot be read, written or continued."""
 
 
-FAILURES = (Exception, SystemExit)
-"""Exceptions of failing third-party code: ``sys.exit(0)`` in it must not end this process with success."""
+def failures() -> tuple[type[BaseException], ...]:
+    """Exceptions of failing third-party code, for ``except``: all that there are but Ctrl-C's.
+
+    ``sys.exit(0)`` in it must not end this process with success, and its own kinds of ``BaseException`` are
+    failures as well.
+    """
+    return tuple({*BaseException.__subclasses__()} - {KeyboardInterrupt, GeneratorExit})
 
 
 _REASON = 300

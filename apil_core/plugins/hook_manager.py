@@ -13,7 +13,7 @@ import pluggy
 from apil_core.api.hooks import PROJECT
 from apil_core.api.hookspecs import ProcessHooks, RunHooks
 from apil_core.api.specs import MethodSpec, load
-from apil_core.common.errors import FAILURES, ApilError, PluginError
+from apil_core.common.errors import ApilError, PluginError, failures
 from apil_core.plugins.validation import register, remarks
 
 if TYPE_CHECKING:
@@ -207,7 +207,7 @@ class RunHookManager:
             answer = work()
         except ApilError:
             raise
-        except FAILURES as error:
+        except failures() as error:
             raise self._failure(error, (name, "update_auxiliary")) from error
         paths = [] if before is None else changed(before, {"rollout": rollout})
         if paths:
@@ -231,7 +231,7 @@ class RunHookManager:
             yield
         except ApilError:
             raise
-        except FAILURES as error:
+        except failures() as error:
             if self._culprit(error.__traceback__) is None:
                 raise
             raise self._failure(error) from error

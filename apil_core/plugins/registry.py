@@ -17,12 +17,12 @@ from apil_core.api.specs import (
     wanted_of,
 )
 from apil_core.common.errors import (
-    FAILURES,
     ApilError,
     ConfigError,
     PluginError,
     UnknownNameError,
     VictimError,
+    failures,
 )
 from apil_core.common.trust import check
 from apil_core.plugins.defined import defined
@@ -197,7 +197,7 @@ def _made(spec: RunPluginSpec, options: Mapping[str, Mapping[str, Any]], setup: 
         return factory(model, setup)
     except ApilError:
         raise
-    except FAILURES as error:
+    except failures() as error:
         reason = " ".join(str(error).split())
         raise PluginError(
             f"plugin {spec.name!r} cannot be built: {type(error).__name__}: {reason}"

@@ -15,7 +15,7 @@ from torch import Tensor
 from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy
 from apil_core.api.types import Decision, View
-from apil_core.common.errors import FAILURES, ApilError, VictimError, reason_of
+from apil_core.common.errors import ApilError, VictimError, failures, reason_of
 
 _GAMES = 4
 _SEED = 0
@@ -190,7 +190,7 @@ def _told(games: int) -> Iterator[None]:
         yield
     except ApilError:
         raise
-    except FAILURES as error:
+    except failures() as error:
         raise _BrokenError(f"fails on {games} games: {reason_of(error)}") from error
 
 

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from apil_core.api.method import RunPlugin
 from apil_core.api.policy import Policy
 from apil_core.common.documents import EXACT
-from apil_core.common.errors import FAILURES, ApilError, RunDirError
+from apil_core.common.errors import ApilError, RunDirError, failures
 from apil_core.common.files import sha256
 from apil_core.common.machine import resident_mb
 from apil_core.common.seeds import stream_seed
@@ -126,7 +126,7 @@ class Session:
                     self._iteration()
                 self.save()
                 status, evaluation = self._finish()
-        except FAILURES as error:
+        except failures() as error:
             self._note_failure(error)
             raise
         finally:
@@ -206,7 +206,7 @@ class Session:
         """Call :meth:`_report`; if it fails, save the finished iteration first."""
         try:
             self._report(before, metrics)
-        except FAILURES as error:
+        except failures() as error:
             if self.world.size == 1:  # else saving would wait for processes that wait here
                 with suppress(ApilError):
                     self.save()

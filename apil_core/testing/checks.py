@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from apil_core.api.hookspecs import ProcessHooks, RunHooks
-from apil_core.common.errors import FAILURES, ApilError, PluginError
+from apil_core.common.errors import ApilError, PluginError, failures
 
 
 @dataclass(frozen=True)
@@ -133,6 +133,6 @@ def reported_as(who: str, check: Check) -> Iterator[None]:
         raise ContractError(who, check, str(error), hook_in(str(error))) from error
     except ApilError as error:
         raise ContractError(who, check, str(error)) from error
-    except FAILURES as error:
+    except failures() as error:
         reason = " ".join(str(error).split()) or "no message"
         raise ContractError(who, check, f"{type(error).__name__}: {reason}") from error

@@ -11,7 +11,7 @@ from contextlib import redirect_stdout
 import numpy as np
 
 from apil_core.api.game import Array, GameStep
-from apil_core.common.errors import FAILURES, ApilError
+from apil_core.common.errors import ApilError, failures
 from apil_core.testing.checks import GAME_CHECKS, reported_as
 from apil_core.testing.game_facts import LONGEST, arrays, endings, layout
 from apil_core.testing.game_play import GAMES, Play, Trial, plain, same, same_views, snapshot
@@ -168,7 +168,7 @@ def first(trial: Trial) -> None:
         except ApilError as error:
             if "reset" not in str(error):
                 raise trial.broken("first", f"the error must say that reset() is missing: {error}") from error
-        except FAILURES as error:
+        except failures() as error:
             raise trial.broken("first", f"it must be an ApilError, got {type(error).__name__}") from error
         else:
             raise trial.broken("first", "step() before reset() went through")

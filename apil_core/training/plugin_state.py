@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from apil_core.common.errors import FAILURES, ApilError, PluginError
+from apil_core.common.errors import ApilError, PluginError, failures
 from apil_core.common.seeds import undisturbed
 from apil_core.training.storage.checkpoint import to_tensors
 
@@ -33,7 +33,7 @@ def states_of(plugins: Mapping[str, RunPlugin]) -> dict[str, dict[str, Any]]:
             state = plugin.state_dict()
         except ApilError:
             raise
-        except FAILURES as error:
+        except failures() as error:
             raise PluginError(f"plugin {name!r} failed in state_dict: {_reason(error)}") from error
         if not isinstance(state, dict):
             raise PluginError(f"plugin {name!r}: state_dict must return a dict, got {type(state).__name__}")
@@ -63,7 +63,7 @@ def load_states(plugins: Mapping[str, RunPlugin], states: Mapping[str, dict[str,
             plugin.load_state_dict(states[name])
         except ApilError:
             raise
-        except FAILURES as error:
+        except failures() as error:
             raise PluginError(f"plugin {name!r}: its state does not load back: {_reason(error)}") from error
 
 

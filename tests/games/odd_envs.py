@@ -171,5 +171,13 @@ def broken_maker() -> None:
     raise OSError("no licence file")
 
 
+class Odd(BaseException):
+    """No Exception, as some libraries' own."""
+
+
+def strange_maker() -> None:
+    raise Odd("no way")
+
+
 def no_env() -> dict[str, int]:
     return {}

@@ -327,6 +327,7 @@ def test_time_up_without_a_word_is_a_tie() -> None:
         ("pettingzoo:games.odd_envs:UNIT", {}, "UNIT is not callable"),
         ("pettingzoo:games.odd_envs:broken_maker", {}, "cannot be made: OSError: no licence file"),
         ("pettingzoo:sys:exit", {}, "cannot be made: SystemExit"),
+        ("pettingzoo:games.odd_envs:strange_maker", {}, "cannot be made: Odd: no way"),
         ("pettingzoo:games.odd_envs:no_env", {}, "expected a PettingZoo ParallelEnv, got dict"),
         ("pettingzoo:mpe2.simple_push_v3:env", {}, "played in turns; name its parallel_env"),
         ("pettingzoo:games.odd_envs:Careless", {}, "one seed gives different games"),

@@ -124,11 +124,16 @@ def test_a_crash_in_a_hook_keeps_the_last_checkpoint(tmp_path):
     assert json.loads((tmp_path / "r" / "result.json").read_text())["status"] == "failed"
 
 
-def test_an_exit_in_a_hook_is_that_plugins_failure(tmp_path):
+class Odd(BaseException):
+    """No Exception, as some libraries' own."""
+
+
+@pytest.mark.parametrize("error", [SystemExit(0), Odd(0)])
+def test_an_exit_in_a_hook_is_that_plugins_failure(tmp_path, error):
     def leave(self, run, step):
-        sys.exit(0)
+        raise error
 
     registry = registry_with(broken("shape_reward", leave), name="bad", requires=())
-    with pytest.raises(PluginError, match="plugin 'bad' failed in shape_reward: SystemExit: 0"):
+    with pytest.raises(PluginError, match=f"plugin 'bad' failed in shape_reward: {type(error).__name__}: 0"):
         run(small_config("bad"), out=tmp_path / "r", plugins=registry)
     assert '"status": "failed"' in (tmp_path / "r" / "result.json").read_text()

@@ -49,6 +49,18 @@ class Slow(Policy):
 def broken(observation):
     raise KeyError("no such thing")
 
+class Odd(BaseException):
+    pass
+
+
+def odd(own):
+    raise Odd("no way")
+
+
+def odder(seat):
+    raise Odd("no way")
+
+
 def unmade(seat):
     raise RuntimeError("cannot be made")
 
@@ -113,6 +125,8 @@ def test_a_factory_may_give_a_network(agents: str) -> None:
     [
         ("their_agents:broken", r"their_agents:broken failed: KeyError: 'no such thing' \(APIL_DEBUG=1"),
         ("their_agents:unmade", "their_agents:unmade failed: RuntimeError: cannot be made"),
+        ("their_agents:odd", "their_agents:odd failed: Odd: no way"),
+        ("their_agents:odder", "their_agents:odder failed: Odd: no way"),
         ("their_agents:wrong", "expected a Policy, or a function from observations to actions, found int"),
         ("their_agents:number", "expected something callable, found int"),
         ("their_agents:nothing", r"their_agents \(.*their_agents\.py\): AttributeError: .*'nothing'"),

@@ -10,6 +10,7 @@ import pytest
 
 from apil_core.common.errors import RunDirError
 from apil_core.studies.bench.folder import BenchDir
+from apil_core.studies.report.latex import latex_table
 from apil_core.studies.report.models import ReportData
 from apil_core.studies.report.report_data import gather
 from apil_core.studies.report.table_models import Cell, Table
@@ -180,6 +181,19 @@ def test_evidence_survives_json(data: ReportData) -> None:
 
 def _rows(paths: list[Path], name: str) -> Iterator[dict[str, str]]:
     yield from csv.DictReader(next(path for path in paths if path.name == name).open())
+
+
+def test_names_in_latex_are_text(data: ReportData) -> None:
+    table, nasty = _table(data, 1), "_ % & # $ { } \\ ~ ^ [x]\x1b"
+    said = (
+        r"\_ \% \& \# \$ \{ \} \textbackslash{} \textasciitilde{} \textasciicircum{} {[}x{]}"
+        r"\textbackslash{}u001b"
+    )
+    cells = [[cell.model_copy(update={"game": nasty}) for cell in row] for row in table.rows]
+    changed = {"columns": [nasty, *table.columns[1:]], "side": nasty, "title": nasty, "rows": cells}
+    latex = latex_table(data, table.model_copy(update=changed))
+    assert latex.count(said) == 3 + len(table.rows)
+    assert nasty not in latex
 
 
 def test_tables_are_written_as_csv_and_latex(data: ReportData, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from apil_core.common.errors import FAILURES
+from apil_core.common.errors import failures
 
 if TYPE_CHECKING:
     from apil_core.plugins.discovery import PluginRegistry
@@ -173,7 +173,7 @@ def victims(plugins: PluginRegistry) -> Answer:
     def why_not(name: str) -> str:
         try:
             load_policy(name, plugins=plugins)
-        except FAILURES as error:  # a foreign loader may raise anything
+        except failures() as error:  # a foreign loader may raise anything
             return _reason(error)
         return ""
 
@@ -181,7 +181,7 @@ def victims(plugins: PluginRegistry) -> Answer:
     for scheme, policies in plugins.policies.items():
         try:
             rows = load(policies.lister)() if policies.lister else []
-        except FAILURES as error:
+        except failures() as error:
             listed[f"{scheme}:"] = _reason(error)
         else:
             listed |= {row.name: why_not(row.name) if row.available else None for row in rows}
@@ -210,7 +210,7 @@ def main() -> None:
     name, plugin_files, arguments = json.loads(sys.argv[1])
     try:
         answer = PROBES[name](discover(plugin_files, forgiving=True), *arguments)
-    except FAILURES as error:  # foreign code may raise anything
+    except failures() as error:  # foreign code may raise anything
         answer = {"error": _reason(error)}
     print(f"\n{json.dumps(answer)}", flush=True)
 

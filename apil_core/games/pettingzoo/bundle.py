@@ -19,7 +19,7 @@ from gymnasium.spaces import Box, Dict, MultiBinary, Space
 from pettingzoo import ParallelEnv
 
 from apil_core.api.game import NO_WINNER, Array
-from apil_core.common.errors import FAILURES, reason_of
+from apil_core.common.errors import failures, reason_of
 from apil_core.games.pettingzoo.maker import Maker, prints_to_stderr
 from apil_core.games.pettingzoo.spaces import Seat
 
@@ -89,7 +89,7 @@ class Bundle(gymnasium.Env[Any, Any]):
         try:
             with prints_to_stderr():
                 return self._envs[game].render() if self._envs else None
-        except FAILURES as error:
+        except failures() as error:
             return reason_of(error)
 
     def _tried(self, do: Callable[[], None]) -> dict[str, Any]:
@@ -98,7 +98,7 @@ class Bundle(gymnasium.Env[Any, Any]):
                 self._envs.append(self._maker())
             with prints_to_stderr():
                 do()
-        except FAILURES as error:
+        except failures() as error:
             return {"failure": reason_of(error)}
         return {}
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from apil_core.api.game import NO_WINNER, Array, Game, GameLayout, GameStep
 from apil_core.common.colours import Colour
-from apil_core.common.errors import FAILURES, ApilError, ConfigError, PluginError, reason_of
+from apil_core.common.errors import ApilError, ConfigError, PluginError, failures, reason_of
 from apil_core.games.pettingzoo.bundle import CAUSES, DIVERGED, GOES_ON, TIME_UP, UNSAID
 from apil_core.games.pettingzoo.bundles import Bundles
 from apil_core.games.pettingzoo.history import History
@@ -175,7 +175,7 @@ class PettingZooGame(Game):
                 check_repeatable(env, (first, second))
         except ConfigError as error:
             raise ConfigError(f"{self.name}: {error}") from error
-        except FAILURES as error:
+        except failures() as error:
             raise ConfigError(f"{self.name}: a first trial failed: {reason_of(error)}") from error
         finally:
             env.close()

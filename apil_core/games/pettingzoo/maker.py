@@ -15,7 +15,7 @@ from typing import Any
 
 from pettingzoo import AECEnv, ParallelEnv
 
-from apil_core.common.errors import FAILURES, ConfigError, reason_of
+from apil_core.common.errors import ConfigError, failures, reason_of
 from apil_core.plugins.discovery import import_file
 
 
@@ -45,7 +45,7 @@ class Maker:
             raise ConfigError(f"game pettingzoo:{target}: expected pettingzoo:MODULE:CALLABLE")
         try:
             found = cls(target).callable
-        except FAILURES as error:
+        except failures() as error:
             raise ConfigError(f"game pettingzoo:{target}: cannot be loaded: {reason_of(error)}") from error
         if not callable(found):
             raise ConfigError(f"game pettingzoo:{target}: {attribute} is not callable")
@@ -74,7 +74,7 @@ class Maker:
         name = f"game pettingzoo:{self.target}"
         try:
             env = self()
-        except FAILURES as error:
+        except failures() as error:
             raise ConfigError(f"{name}: the environment cannot be made: {reason_of(error)}") from error
         if isinstance(env, AECEnv):
             raise ConfigError(f"{name}: this is an AECEnv, played in turns; name its parallel_env instead")

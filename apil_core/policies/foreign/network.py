@@ -25,7 +25,7 @@ from torch import Tensor
 from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.api.types import Decision, DiagonalGaussian, View
-from apil_core.common.errors import FAILURES, ApilError, VictimError, reason_of
+from apil_core.common.errors import ApilError, VictimError, failures, reason_of
 from apil_core.policies.foreign.origin import Origin
 from apil_core.policies.recurrent_state import Memory
 
@@ -190,7 +190,7 @@ class NetworkPolicy(Policy):
             answer = self._call(inputs)
         except ApilError:
             raise
-        except FAILURES as error:  # any exception of the network's runtime
+        except failures() as error:  # any exception of the network's runtime
             raise VictimError(f"{self.info.name} fails on inputs {shapes}: {reason_of(error)}") from error
         refuse_values(self.info.name, getattr(answer, "_fields", ()))
         outputs = [answer] if isinstance(answer, Tensor) else answer

@@ -18,7 +18,7 @@ import torch
 from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.api.types import Decision, View
-from apil_core.common.errors import FAILURES, ApilError, VictimError, reason_of
+from apil_core.common.errors import ApilError, VictimError, failures, reason_of
 from apil_core.common.files import sha256
 from apil_core.policies.foreign.network import NetworkPolicy, Signature
 from apil_core.policies.foreign.origin import Origin
@@ -59,7 +59,7 @@ def _found(name: str, module_name: str, attribute: str) -> Any:
             target = attrgetter(attribute)(importlib.import_module(module_name))
     except ApilError:
         raise
-    except FAILURES as error:
+    except failures() as error:
         where = getattr(sys.modules.get(module_name), "__file__", None) or f"looked in {here} too"
         raise VictimError(f"python:{name}: {module_name} ({where}): {reason_of(error)}") from error
     if not callable(target):
@@ -81,7 +81,7 @@ def _guarded(origin: Origin, what: str, call: Callable[[], Any]) -> Any:
             return call()
     except ApilError:
         raise
-    except FAILURES as error:
+    except failures() as error:
         raise VictimError(
             f"{origin.name} {what}: {reason_of(error)} (APIL_DEBUG=1 shows the traceback)"
         ) from error

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from apil_core.api.config import RunConfig
-from apil_core.common.errors import FAILURES, ConfigError, RunDirError
+from apil_core.common.errors import ConfigError, RunDirError, failures
 from apil_core.common.files import locked
 from apil_core.config.resolve import differences
 from apil_core.evaluation.progress import Progress
@@ -64,7 +64,7 @@ def perform(root: Path, name: str, *, threads: int = 1, progress: Progress | Non
         with _alone(bench, name):
             bench.note_failure(name, "")
             done = _Worker(bench, benchmark, threads, progress or Progress()).do(job)
-    except FAILURES as error:
+    except failures() as error:
         bench.note_failure(name, " ".join(str(error).split()) or type(error).__name__)
         raise
     return "done" if done else "interrupted"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from apil_core.common.visible import visible
 from apil_core.studies.report.models import ReportData
 from apil_core.studies.report.table_models import Figure, Table
 from apil_core.studies.report.words import percent
@@ -13,13 +14,15 @@ _SPECIAL = {
     "−": "$-$",
     "≥": r"$\geq$",
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},
+    **{sign: f"{{{sign}}}" for sign in "[]"},
+    **{"<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", "\n": " "},
 }
 _SIGNS = {"within noise": r"$\approx$", "higher": r"$\uparrow$", "lower": r"$\downarrow$"}
 
 
 def escaped(text: str) -> str:
-    """Escape text for LaTeX."""
-    return "".join(_SPECIAL.get(letter, letter) for letter in text)
+    """Escape text for LaTeX; ``[`` too, as a row that begins with it would be an argument of the last ``\\\\``."""
+    return "".join(_SPECIAL.get(letter, letter) for letter in visible(text))
 
 
 def latex_table(data: ReportData, table: Table) -> str:
@@ -32,7 +35,7 @@ def latex_table(data: ReportData, table: Table) -> str:
     lines = [
         r"\begin{table}",
         r"\centering",
-        rf"\caption{{{escaped(caption)} Per cent of games the {table.side} wins, with 95\,\% intervals; in "
+        rf"\caption{{{escaped(caption)} Per cent of games the {escaped(table.side)} wins, with 95\,\% intervals; in "
         r"parentheses the published value.}",
         rf"\begin{{tabular}}{{ll{'r' * len(table.columns)}}}",
         r"\hline",

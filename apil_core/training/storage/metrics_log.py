@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 from apil_core.api.config import RunConfig
 from apil_core.api.specs import RecorderSpec, load
-from apil_core.common.errors import FAILURES
+from apil_core.common.errors import failures
 
 Row = dict[str, float]
 
@@ -106,12 +106,12 @@ class RowLog:
         try:
             if self.pending and not self._failed:
                 self._write()
-        except FAILURES as error:
+        except failures() as error:
             self._note(f"the log lacks its last row: {' '.join(str(error).split()) or type(error).__name__}")
         for recorder in self.recorders:
             try:
                 recorder.close()
-            except FAILURES as error:
+            except failures() as error:
                 self._tell_of(recorder, error, "")
 
     def _write(self) -> None:
@@ -128,12 +128,12 @@ class RowLog:
         """Call one of a recorder's methods; a dispensable one that fails is not called again."""
         try:
             method(dict(row))  # a copy: a recorder may modify it
-        except FAILURES as error:
+        except failures() as error:
             if not getattr(recorder, "dispensable", False):
                 raise
             self.recorders.remove(recorder)
             self._tell_of(recorder, error, "; the run goes on without it")
-            with suppress(*FAILURES):  # it may fail again
+            with suppress(*failures()):  # it may fail again
                 recorder.close()
 
     def _tell_of(self, recorder: Recorder, error: BaseException, consequence: str) -> None:

@@ -212,7 +212,7 @@ class RunDir:
         return Held(os.open(self.path, os.O_RDONLY), kept)
 
     def found(self, held: Held) -> Self:
-        """This directory if it is in its place, else the one that it was moved to, or a new one if it is gone."""
+        """This directory where it is now; a new one if it is gone."""
         for path in (self.path, Path(f"/proc/self/fd/{held.descriptor}")):
             with suppress(OSError):
                 if os.path.samestat(os.fstat(held.descriptor), path.stat()) and path.resolve().is_dir():
