@@ -21,7 +21,7 @@ _SIGNS = {"within noise": r"$\approx$", "higher": r"$\uparrow$", "lower": r"$\do
 
 
 def escaped(text: str) -> str:
-    """Escape text for LaTeX; ``[`` too, as a row that begins with it would be an argument of the last ``\\\\``."""
+    """Escape text for LaTeX; ``[`` too: at the start of a row it would belong to the end of the last one."""
     return "".join(_SPECIAL.get(letter, letter) for letter in visible(text))
 
 
@@ -35,8 +35,8 @@ def latex_table(data: ReportData, table: Table) -> str:
     lines = [
         r"\begin{table}",
         r"\centering",
-        rf"\caption{{{escaped(caption)} Per cent of games the {escaped(table.side)} wins, with 95\,\% intervals; in "
-        r"parentheses the published value.}",
+        rf"\caption{{{escaped(caption)} Per cent of games the {escaped(table.side)} wins, with 95\,\% "
+        r"intervals; in parentheses the published value.}",
         rf"\begin{{tabular}}{{ll{'r' * len(table.columns)}}}",
         r"\hline",
         " & ".join(["game", "share", *map(escaped, table.columns)]) + r" \\",
