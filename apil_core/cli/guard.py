@@ -42,6 +42,8 @@ _PLACES = {
     ),
 }
 """Numbers of system errors that a place has: the user can mend them, no code."""
+_MEMORY = ("an't allocate memory", "annot allocate memory", "failed to map segment", "CUDA out of memory")
+"""Texts of errors of libraries that get no memory."""
 _COURTESY = 3.0
 """Seconds that other processes wait for the first one's message."""
 
@@ -149,6 +151,9 @@ def _in_turn() -> str:
 
 
 def _report(error: BaseException) -> int:
+    if isinstance(error, MemoryError) or any(words in str(error) for words in _MEMORY):
+        said = f" ({_one_line(str(error))[:200]})" if str(error) else ""
+        return complain(f"memory is too small{said}: fewer --num-envs, a smaller ppo.num_steps", USAGE_ERROR)
     if os.environ.get("APIL_DEBUG") == "1":
         traceback.print_exception(error)
         return INTERNAL_ERROR

@@ -24,6 +24,7 @@ from apil_core.plugins.callbacks import with_callbacks
 from apil_core.plugins.defined import define
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import plugins_with
+from apil_core.runs.best import EvaluationHistory
 from apil_core.runs.session import RunResult as RunResult
 from apil_core.runs.session import Session
 from apil_core.runs.warm_start import load_teacher
@@ -150,6 +151,9 @@ def resume(
             truncate_metrics(directory.metrics_path, iterations_in_rows(state))
             directory.abandon_after(state["iteration"])
             _abandon_best_after(directory.best_path, state["steps"])
+            best = EvaluationHistory(state.get("evaluations", ())).best
+            if best and best["steps"] == state["steps"]:  # it may have been killed before it wrote this
+                checkpoint.save(directory.best_path, state)
             if path == directory.best_path:  # else a stop before the next checkpoint could not be resumed
                 checkpoint.save(directory.checkpoint_path(state["iteration"]), state)
             directory.retire_result(int(state["steps"]))

@@ -244,6 +244,10 @@ class Session:
         trainer.hook.iteration_finished(run=trainer, metrics=metrics)
         if self.history.best is not best:
             self._follow()
+            if (
+                self.world.size == 1
+            ):  # a kill before the next checkpoint would cost this best and the last one
+                self.save()
             checkpoint.save(self.run_dir.best_path, self._state())
 
     def save(self) -> None:

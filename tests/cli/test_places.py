@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import pty
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -137,3 +139,61 @@ def test_a_hangup_stops_with_a_checkpoint_unless_it_is_ignored(tmp_path: Path, i
     )
     assert done.returncode == (0 if ignored else 130), done.stderr
     assert RunDir(out).newest_checkpoint().name == f"iteration-0000000{2 if ignored else 1}.pt"
+
+
+@pytest.mark.slow
+def test_a_terminal_that_closes_stops_with_a_checkpoint(tmp_path: Path) -> None:
+    words = ["run", *TINY, *SMALL, "--method", "adrl", "--set", "checkpoint.every_iterations=1", "--out", "r"]
+    words[words.index("256")] = "100M"
+    child, terminal = pty.fork()
+    if not child:
+        os.chdir(tmp_path)
+        os.execv(sys.executable, [*COMMAND, *words])
+    run = RunDir(tmp_path / "r")
+    while not run.checkpoints():
+        assert os.read(terminal, 10_000)  # raises when the command has ended
+    os.close(terminal)  # the kernel sends SIGHUP
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 130
+    steps = run.last_metrics()["steps"]
+    assert run.result()["status"] == "interrupted"
+    assert checkpoint.read(run.newest_checkpoint())["steps"] == steps
+    more = called(
+        "resume", "r", "--steps", str(int(steps) + 256), "--quiet", cwd=tmp_path, stdout=subprocess.PIPE
+    )
+    assert more.returncode == 0, more.stderr
+    assert run.last_metrics()["steps"] == steps + 256
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("taskset") is None or (os.cpu_count() or 1) < 2, reason="taskset, two CPUs")
+def test_one_cpu_gives_the_weights_of_two(tmp_path: Path) -> None:
+    words = [
+        *COMMAND,
+        "run",
+        "--method",
+        "e_apil",
+        "--env",
+        "toy-pursuit",
+        "--num-envs",
+        "64",
+        "--steps",
+        "8k",
+    ]
+    words += ["--set", "ppo.num_steps=32", "--set", "evaluation.episodes=0", "--quiet", "--out"]
+    for before, out in ((["taskset", "-c", "0"], "one"), ([], "two")):
+        subprocess.run([*before, *words, str(tmp_path / out)], check=True, stdout=subprocess.PIPE)
+    one, two = (checkpoint.read(RunDir(tmp_path / out).newest_checkpoint()) for out in ("one", "two"))
+    assert not differences(one["learner"], two["learner"])
+    assert not differences(one["methods"], two["methods"])
+
+
+def test_memory_that_is_too_small(tmp_path: Path) -> None:
+    words = ("run", "--env", "toy-pursuit", "--num-envs", "20000", "--set", "ppo.num_steps=1000")
+    limit = 1_300_000_000
+    small = called(
+        *(*words, "--method", "adrl", "--out", str(tmp_path / "r")),
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
+    )
+    assert (small.returncode, small.stderr.count("\n")) == (2, 1)
+    assert small.stderr.startswith("apil: memory is too small")
+    assert not (tmp_path / "r").exists()

@@ -37,24 +37,24 @@ def test_each_line_is_on_disk_before_the_next_iteration(tmp_path: Path) -> None:
 
 
 def test_a_second_recorder_appends(tmp_path: Path) -> None:
-    record(tmp_path, {"iteration": 1})
-    assert len(read_metrics(record(tmp_path, {"iteration": 2}))) == 2
+    record(tmp_path, {"steps": 1})
+    assert len(read_metrics(record(tmp_path, {"steps": 2}))) == 2
 
 
 def test_numbers_json_has_not_become_null(tmp_path: Path) -> None:
-    path = record(tmp_path, {"iteration": 1, "a": math.nan, "b": math.inf, "c": -math.inf})
+    path = record(tmp_path, {"steps": 1, "a": math.nan, "b": math.inf, "c": -math.inf})
     line = path.read_text()
-    assert json.loads(line, parse_constant=pytest.fail) == {"iteration": 1, "a": None, "b": None, "c": None}
+    assert json.loads(line, parse_constant=pytest.fail) == {"steps": 1, "a": None, "b": None, "c": None}
     assert math.isnan(read_metrics(path)[0]["a"])
 
 
 def test_truncation_drops_later_iterations_and_a_half_line(tmp_path: Path) -> None:
-    path = record(tmp_path, *({"iteration": i, "x": i / 2} for i in range(1, 6)))
+    path = record(tmp_path, *({"iteration": i, "steps": i / 2} for i in range(1, 6)))
     with path.open("a") as file:
-        file.write('{"iteration": 6, "x"')
+        file.write('{"iteration": 6, "steps"')
     assert [row["iteration"] for row in read_metrics(path)] == [1, 2, 3, 4, 5]
     truncate_metrics(path, 3)
-    assert path.read_text().splitlines() == [f'{{"iteration": {i}, "x": {i / 2}}}' for i in (1, 2, 3)]
+    assert path.read_text().splitlines() == [f'{{"iteration": {i}, "steps": {i / 2}}}' for i in (1, 2, 3)]
     truncate_metrics(path, -1)
     assert path.read_text() == ""
 
@@ -72,9 +72,10 @@ def test_truncating_nothing_is_fine(tmp_path: Path) -> None:
     assert not (tmp_path / "metrics.jsonl").exists()
 
 
-def test_damage_in_the_middle_is_reported(tmp_path: Path) -> None:
+@pytest.mark.parametrize("line", ['{"iter', '{"stexs": 2}', '{"steps": null}', '{"steps": "x"}', "[2]"])
+def test_damage_in_the_middle_is_reported(tmp_path: Path, line: str) -> None:
     path = tmp_path / "metrics.jsonl"
-    path.write_text('{"iteration": 1}\n{"iter\n{"iteration": 3}\n')
+    path.write_text(f'{{"steps": 1}}\n{line}\n{{"steps": 3}}\n')
     with pytest.raises(RunDirError, match=f"{path}:2: damaged line"):
         read_metrics(path)
 
