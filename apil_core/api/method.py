@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from apil_core.api.config import PPOConfig, RunConfig
     from apil_core.api.game import GameLayout, SideLayout
-    from apil_core.api.policy import Policy
-    from apil_core.api.types import Rollout
+    from apil_core.api.policy import Policy, PolicyInfo
+    from apil_core.api.types import Decision, Rollout
 
 
 @dataclass(frozen=True)
@@ -108,6 +108,32 @@ class Callback(Observer):
         """Take neither options nor a setup: those are a run's."""
 
 
+class WhiteBox(Protocol):
+    """The victim as white-box methods see it.
+
+    Attributes:
+        info: its identity.
+    """
+
+    info: PolicyInfo
+
+    def replay(self, rollout: Rollout, observation: torch.Tensor | None = None) -> Decision:
+        """Let the victim decide again at every step of a rollout, with gradients.
+
+        Its recurrent state goes through the rollout from where it began, reset where games start. Nothing
+        is drawn: ``action`` is the mean. Not for rollouts of ``run.collect``.
+
+        Args:
+            rollout: the present one of the training games, whole.
+            observation: seen instead of ``rollout.victim_observation``, (T, n, o'); gradients reach it, also
+                from later steps of the same game if the victim is recurrent.
+
+        Returns:
+            ``distribution`` and the layers in ``activations``, (T, n, …) each.
+        """
+        ...
+
+
 class Run(Protocol):
     """The run's interface for hooks.
 
@@ -135,6 +161,11 @@ class Run(Protocol):
     @property
     def steps(self) -> int:
         """Environment steps collected so far."""
+        ...
+
+    @property
+    def victim(self) -> WhiteBox:
+        """The victim's inside, for methods with ``white_box`` in their spec; else a ``PluginError``."""
         ...
 
     def stop(self, reason: str = "asked by a hook") -> None:

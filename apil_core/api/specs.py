@@ -49,6 +49,7 @@ class MethodSpec:
         config: ``"module:Model"``, or the class: the pydantic model of its options, or ``None``.
         hookspecs: ``"module"`` with ``@hookspec`` functions this method opens to others, or ``None``.
         reference: the paper.
+        white_box: it, and what requires it, may see inside the victim (``run.victim``); stored with scores.
     """
 
     name: str
@@ -58,6 +59,7 @@ class MethodSpec:
     config: Reference | None = None
     hookspecs: str | None = None
     reference: str = ""
+    white_box: bool = False
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,8 @@ def list_(
     for entry in found:
         win, win_or_tie = (_share(entry["evaluation"], key) for key in ("win_rate", "win_or_tie_rate"))
         numbers = (str(entry["seed"]), f"{entry['steps']:,}")
-        names = (entry["path"], entry["method"], game_name(entry["env"], entry["physics"]), entry["victim"])
+        method = f"{entry['method']} (white box)" if entry.get("white_box") else entry["method"]
+        names = (entry["path"], method, game_name(entry["env"], entry["physics"]), entry["victim"])
         rows.add_row(*names, *numbers, entry["status"], win, win_or_tie)
     console().print(rows if found else f"no runs below {root}")
 

@@ -53,6 +53,8 @@ def _facts(result: EvaluationResult) -> list[str]:
         facts.append(f"blinded    the adversary does not see its opponent ({result.blind}){imitator}")
     if result.blind_victim is not None:
         facts.append(f"blinded    the victim does not see its opponent ({result.blind_victim})")
+    if result.white_box:
+        facts.append("white box  the adversary's method saw inside the victim in training")
     facts += [f"observer   {text}" for text in in_words(result.observers or {})]
     if played := result.options_played:
         facts.append(f"game       {', '.join(f'{key} {value}' for key, value in played.items())}")

@@ -114,6 +114,7 @@ class Pairing:
             "game_options": config.game,
             "game_settings": self.game.settings,
             "observers": observers_played(config),
+            "white_box": self.hooks is not None and self.hooks.white_box,
             "versions": {name: metadata.version(name) for name in (*_PACKAGES, *self.game.packages)},
         }
 

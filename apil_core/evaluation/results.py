@@ -49,6 +49,8 @@ class MatchSetup(BaseModel):
     """Options with the physics profile's values filled in; older scores have none."""
     observers: dict[str, dict[str, Any]] | None = None
     """Observers that were switched on, with their options; ``None`` in scores from before this field."""
+    white_box: bool = False
+    """The adversary's method saw inside the victim."""
     versions: dict[str, str]
 
     @property

@@ -37,6 +37,7 @@ class RunHookManager:
 
     Attributes:
         device: where tensors that hooks return must live; ``None``: not checked.
+        white_box: the method, or one it requires, may see inside the victim.
 
     Raises:
         PluginError: an implementation fits no hook, or takes arguments the hook does not have.
@@ -44,6 +45,7 @@ class RunHookManager:
 
     def __init__(self, chain: Sequence[MethodSpec], plugins: Mapping[str, Any]):
         self.plugins = dict(plugins)
+        self.white_box = any(spec.white_box for spec in chain)
         self.device: torch.device | None = None
         self._watched = False
         self.manager = pluggy.PluginManager(PROJECT)

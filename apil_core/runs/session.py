@@ -54,6 +54,8 @@ class RunResult(BaseModel):
     best: dict[str, Any] | None = None
     """The evaluation during training that won most (``steps``, ``games``, ``wins``, ``low``), if any."""
     evaluation: EvaluationResult | None = None
+    white_box: bool = False
+    """The method saw inside the victim."""
 
     def __fspath__(self) -> str:
         """The run's directory: a result may stand wherever one does."""
@@ -350,6 +352,7 @@ class Session:
             stopped=self.trainer.stopped,
             best=self.history.best,
             evaluation=evaluation,
+            white_box=self.trainer.attack.hooks.white_box,
         )
         if self.world.is_main:
             self.run_dir.write_json(self.run_dir.result_path, result.model_dump(mode="json"))

@@ -6,6 +6,7 @@ observations are made (they may read a^ν_t: the oracle), then :meth:`AttackEnv.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -133,6 +134,9 @@ class AttackEnv:
         self._shapes = learning and hooks.implements("shape_reward")
         self.relabels = False
         """Stored rewards are not normalised until :meth:`relabel`, which the trainer who sets this calls."""
+        self.keeps_victim_states = False
+        self.victim_states: tuple[Any, Any] = (None, None)
+        """Recurrent states in which the victim began the last whole rollout and the next one, if kept."""
         sides = {"successors": adversary_side, "victim_successors": 1 - adversary_side}
         self._followed = {name: side for name, side in sides.items() if learning and hooks.asks_for(name)}
         self._pending: Pending | None = None
@@ -201,6 +205,8 @@ class AttackEnv:
     def _observe(self) -> None:
         games = self._games
         own, opponent = games.observation(self.side), games.observation(1 - self.side)
+        if self.keeps_victim_states and self.buffer.at_start:
+            self.victim_states = self.victim_states[1], copy.deepcopy(self.victim.recurrent_state())
         victim = None if self.victim_answers else self._victim_acts(games.view(1 - self.side))
         view = View(own, opponent, games.first, None if victim is None else victim.action)
         groups = self.builder.groups(self.contexts["adversary"], view)
@@ -288,6 +294,7 @@ class AttackEnv:
                 "std": None if distribution is None else distribution.std,
                 "groups": {name: value.clone() for name, value in pending.groups.items()},
                 "observations": dict(pending.observations.items()),
+                **({"victim_state": self.victim_states[1]} if self.keeps_victim_states else {}),
             },
         }
 
@@ -303,6 +310,7 @@ class AttackEnv:
         if self.privileged is not None:
             self.privileged.load_state_dict(state["privileged"])
         saved = _to_device(state["pending"], self.device)
+        self.victim_states = None, saved.get("victim_state")
         distribution = None if saved["mean"] is None else DiagonalGaussian(saved["mean"], saved["std"])
         self._pending = Pending(
             view=View(saved["own"], saved["opponent"], saved["first"], saved["action"]),

@@ -26,6 +26,7 @@ from apil_core.training.distributed.world import ALONE, World
 from apil_core.training.plugin_state import check_states, load_states
 from apil_core.training.ppo import Actor, Learner
 from apil_core.training.rewards import resolve_weights
+from apil_core.training.white_box import check_differentiable
 
 
 @dataclass
@@ -147,6 +148,8 @@ def build(
     config = pinned(config, victim)
     setup = method_setup(config, game.layout, 1 - attacked, device)
     methods, hooks = build_hooks(config, plugins, setup, manager)
+    if hooks.white_box:
+        check_differentiable(victim, game.layout, attacked, device)
     check_states(hooks.of(RunPlugin), lambda: build_hooks(config, plugins, setup)[1].of(RunPlugin), device)
     builder = ObservationBuilder(hooks, config.ppo.observation_clip)
     streams = generators(seed, device)
@@ -160,6 +163,7 @@ def build(
         adversary_side=1 - attacked,
         generators=streams,
     )
+    env.keeps_victim_states = hooks.white_box
     with hooks.attribution():
         example = env.get_observations()
     seat = game.layout.sides[1 - attacked]

@@ -36,6 +36,11 @@ class RolloutBuffer:
         self._groups: dict[str, Tensor] = {}
         self._length = 0
 
+    @property
+    def at_start(self) -> bool:
+        """True if the next step is the first of a rollout."""
+        return self._length in (0, self.num_steps)
+
     def add(self, step: StepBatch, shaped: Tensor, groups: Mapping[str, Tensor]) -> None:
         """Append one vectorised step with its shaped reward (n,) and raw observation groups."""
         if self._length == self.num_steps:

@@ -24,6 +24,7 @@ from apil_core.training.plugin_state import load_known_states, load_states, of_o
 from apil_core.training.ppo import MAIN_STREAM
 from apil_core.training.side_games import SideGames
 from apil_core.training.storage.metrics_log import over_processes
+from apil_core.training.white_box import VictimInside
 
 
 class Trainer:
@@ -206,6 +207,14 @@ class Trainer:
             return ppo.learning_rate
         # as in the published code: the share of the budget left at the start of the iteration
         return ppo.learning_rate * max(1.0 - self._begun_at / self.total_steps, 0.0)
+
+    @property
+    def victim(self) -> VictimInside:
+        """See :attr:`apil_core.Run.victim`."""
+        if not self.attack.hooks.white_box:
+            text = f"method {self.config.method!r} may not see inside the victim"
+            raise PluginError(f"run.victim: {text}; if it should, state white_box=True in its MethodSpec")
+        return VictimInside(self.attack.env)
 
     def stop(self, reason: str = "asked by a hook") -> None:
         """See :meth:`apil_core.Run.stop`."""

@@ -18,7 +18,7 @@ sys.path.insert(0, str(ROOT / "docs"))
 import make_hooks
 from make_hooks import hooks
 
-GENERAL = {"Hooks of your own"}
+GENERAL = {"Hooks of your own", "White box"}
 """Sections of the reference that are about no hook."""
 
 

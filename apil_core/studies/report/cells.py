@@ -32,6 +32,7 @@ def seed_score(
         losses=losses,
         causes=dict(sorted(score.causes.items(), key=lambda item: -item[1])),
         mean_length=score.mean_length,
+        white_box=score.white_box,
     )
 
 
@@ -59,7 +60,7 @@ def cell(
         win=_figure(wins, games, None if value is None else value[0]),
         win_or_tie=_figure(either, games, None if value is None else value[1]),
         scores=list(scores),
-        marks=list(marks),
+        marks=[*marks, *(["white box"] if any(score.white_box for score in scores) else [])],
     )
 
 

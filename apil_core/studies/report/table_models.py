@@ -105,6 +105,7 @@ class SeedScore(BaseModel):
     Attributes:
         source: the run directory, the two labels of a cross-play, or a policy's name and hash.
         steps: it was trained for; ``None`` for agents that were not trained here.
+        white_box: the adversary's method saw inside the victim.
     """
 
     seed: int | None
@@ -116,6 +117,7 @@ class SeedScore(BaseModel):
     losses: int
     causes: dict[str, int]
     mean_length: float
+    white_box: bool = False
 
 
 class Cell(BaseModel):

@@ -286,6 +286,7 @@ class RunDir:
             "status": damage or result.get("status", unfinished),
             "steps": int(last.get("steps", result.get("steps", 0))),
             "evaluation": result.get("evaluation"),
+            "white_box": bool(result.get("white_box")),
         }
 
     def last_metrics(self) -> dict[str, Any]:
