@@ -124,12 +124,11 @@ def run(
     cells are kept, unfinished ones resume bit for bit. A cell that fails is reported and does not stop the
     others. Cells start seed by seed, in each method by method, in each game by game, as in the matrix.
     """
-    from apil_core.cli.bench_table import make_watch, print_plan, print_result
+    from apil_core.cli.bench_table import print_plan, print_result
     from apil_core.studies.bench.jobs import JobStatus, make_jobs
-    from apil_core.studies.bench.schedule import run_jobs
 
     where = where or Placement()
-    bench, benchmark = _benchmark(matrix, out, steps)
+    bench, benchmark = stored_benchmark(matrix, out, steps)
     workers, threads = where.share()
     jobs, status = make_jobs(benchmark), JobStatus(bench, benchmark)
     if dry_run:
@@ -139,14 +138,24 @@ def run(
         cost = _estimate(benchmark, jobs, status, threads, quiet)
         print_plan(benchmark, jobs, status, cost, workers, as_json=as_json)
         return 0
+    begin = time.perf_counter()
+    result = perform_all(bench, benchmark, where, quiet=quiet)
+    print_result(result, status, time.perf_counter() - begin, as_json=as_json)
+    return exit_code(result, bench.path)
+
+
+def perform_all(bench: BenchDir, benchmark: Benchmark, where: Placement, *, quiet: bool) -> BenchResult:
+    """Do all jobs of a benchmark that are not done yet, showing their progress."""
+    from apil_core.cli.bench_table import make_watch
+    from apil_core.studies.bench.jobs import JobStatus, make_jobs
+    from apil_core.studies.bench.schedule import run_jobs
+
+    jobs, status = make_jobs(benchmark), JobStatus(bench, benchmark)
     with bench.lock():
         bench.write_matrix(benchmark.matrix)
-        begin = time.perf_counter()
         watched = closing(make_watch(jobs, status, quiet=quiet))
         with watched as watch, closing(where.start(bench.path)) as executor:
-            result = run_jobs(jobs, status, executor, watch)
-    print_result(result, status, time.perf_counter() - begin, as_json=as_json)
-    return _exit_code(result, bench.path)
+            return run_jobs(jobs, status, executor, watch)
 
 
 def _estimate(
@@ -158,7 +167,7 @@ def _estimate(
         return estimate(benchmark, status, threads=threads, jobs=jobs, note=progress.note)
 
 
-def _benchmark(matrix: str, out: Path | None, steps: int | None) -> tuple[BenchDir, Benchmark]:
+def stored_benchmark(matrix: str, out: Path | None, steps: int | None) -> tuple[BenchDir, Benchmark]:
     """Return the directory and the resolved benchmark, with all players checked."""
     from apil_core.studies.bench.cells import resolve_matrix
     from apil_core.studies.bench.folder import BenchDir
@@ -251,13 +260,15 @@ def _occupied(path: Path) -> bool:
     return any(entry.name != ".lock" for entry in path.iterdir())
 
 
-def _exit_code(result: BenchResult, directory: Path) -> int:
+def exit_code(result: BenchResult, directory: Path, resume: str = "") -> int:
+    """Return 0, or after Ctrl-C or a failure another code; prints how to continue."""
+    resume = resume or f"apil bench run {directory}"
     if result.interrupted:
-        return complain(f"interrupted; go on with: apil bench run {directory}", INTERRUPTED)
+        return complain(f"interrupted; go on with: {resume}", INTERRUPTED)
     failed = result.having("failed")
     if failed:
         return complain(
-            f"{len(failed)} of {len(result.states)} jobs failed; try them again: apil bench run {directory}",
+            f"{len(failed)} of {len(result.states)} jobs failed; try them again: {resume}",
             1,
         )
     return 0

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from apil_core.cli.flags import ADVERSARY, EvaluationFlags, Json, Quiet
 from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
-from apil_core.cli.scores import print_score
+from apil_core.cli.scores import print_score, print_scores
 from apil_core.common.errors import ConfigError
 from apil_core.evaluation.options import EvaluationOptions
 
@@ -33,24 +33,46 @@ def evaluate(
 ) -> None:
     """Score an adversary: win, tie and loss rates with Wilson 95 % intervals, and how games ended.
 
-    The same seed gives the same games at any number of threads.
+    The same seed gives the same games at any number of threads. Of a directory of several runs each is
+    scored, and their mean over seeds is printed.
     """
     from apil_core.evaluation.score import evaluate as score
 
     options = (flags or EvaluationFlags()).options(EvaluationOptions)
     if keep is not None and options.blind_victim is not None:
         raise ConfigError("--keep: reports have no table of blinded victims; use --json with --blind-victim")
-    kept = None if keep is None else _keeping(adversary, keep)
-    with make_progress(quiet=quiet) as progress:
-        result = score(adversary, options, progress=progress)
-    if as_json:
-        print_json(result)
-    else:
-        print_score(result)
-    if kept is not None:
-        from apil_core.studies.bench.folder import write_result
+    adversaries = _runs_below(adversary)
+    if keep is not None and keep.endswith(".json") and len(adversaries) > 1:
+        raise ConfigError(f"--keep {keep}: {adversary} holds several runs; give a name, kept with each")
+    kept = [None if keep is None else _keeping(name, keep) for name in adversaries]
+    results = []
+    for name, path in zip(adversaries, kept, strict=True):
+        with make_progress(quiet=quiet) as progress:
+            results.append(score(name, options, progress=progress))
+        if path is not None:
+            from apil_core.studies.bench.folder import write_result
 
-        write_result(kept, result)
+            write_result(path, results[-1])
+    if as_json:
+        print_json(
+            results[0]
+            if adversaries == [adversary]
+            else [result.model_dump(mode="json") for result in results]
+        )
+    elif adversaries == [adversary]:
+        print_score(results[0])
+    else:
+        print_scores(results)
+
+
+def _runs_below(adversary: str) -> list[str]:
+    """The runs in a directory that is none itself; else the name alone."""
+    from apil_core.training.storage.run_dir import runs_in
+
+    path = Path(adversary)
+    if not path.is_dir() or (path / "config.yaml").is_file():
+        return [adversary]
+    return [str(run.path) for run in runs_in([path])]
 
 
 def _keeping(adversary: str, name: str) -> Path:

@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 def plot(
     *directories: Annotated[
         Path,
-        Parameter(
-            name="DIR", required=True, help="Directories of runs, finished or not; or of one retraining."
-        ),
+        Parameter(name="DIR", required=True, help="Runs, or directories of several; or one retraining."),
     ],
     out: Annotated[Path, Parameter(help="Picture to write: .png, .svg or .pdf.")] = Path("curve.png"),
     metric: Annotated[
@@ -42,7 +40,7 @@ def plot(
     from apil_core.common.charts import check_picture
     from apil_core.studies.curves.groups import read_groups
     from apil_core.studies.curves.picture import draw_curves
-    from apil_core.training.storage.run_dir import RunDir
+    from apil_core.training.storage.run_dir import runs_in
 
     check_picture(out)
     if out.exists() and not force:
@@ -51,7 +49,7 @@ def plot(
     if retrainings:
         groups = _draw_retraining(directories, retrainings[0], metric or [], out)
     else:
-        groups = read_groups([RunDir(directory) for directory in directories], metric or [])
+        groups = read_groups(runs_in(directories), metric or [])
         draw_curves(groups, out)
     if as_json:
         print_json({"picture": out, "groups": [group.model_dump(mode="json") for group in groups]})

@@ -12,14 +12,18 @@ from apil_core.cli.finish import exit_code, finish
 from apil_core.cli.flags import Json, Quiet, Show
 from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
-from apil_core.common.errors import RunDirError
+from apil_core.cli.seeds import resume_seeds
+from apil_core.common.errors import ConfigError, RunDirError
 from apil_core.common.extras import need
 from apil_core.config.kind import is_retraining
+from apil_core.studies.bench.folder import SEEDS_FILE
 from apil_core.training.distributed.world import World
 
 
 def resume(
-    directory: Annotated[Path, Parameter(name="DIR", help="Directory of a run or of a retraining.")],
+    directory: Annotated[
+        Path, Parameter(name="DIR", help="Directory of a run, of several seeds or of a retraining.")
+    ],
     /,
     *,
     steps: Annotated[int | None, Parameter(help="New total budget; also extends a finished run.")] = None,
@@ -35,6 +39,10 @@ def resume(
     as_json: Json = False,
 ) -> int:
     """Continue a run or a retraining exactly where its last checkpoint left it, or extend a finished one."""
+    if (directory / SEEDS_FILE).is_file():
+        if checkpoint is not None:
+            raise ConfigError(f"--checkpoint: {directory} holds several seeds; resume one of them")
+        return resume_seeds(directory, steps, threads, show=show, quiet=quiet, as_json=as_json)
     if not (directory / "config.yaml").is_file():
         raise RunDirError(f"{directory} is no run directory (no config.yaml in it)")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,6 +12,7 @@ from apil_core.cli.finish import exit_code, finish
 from apil_core.cli.flags import ConfigFlags, Json, Quiet, Show
 from apil_core.cli.output import console, print_json
 from apil_core.cli.progress import make_progress
+from apil_core.cli.seeds import train_seeds
 from apil_core.common.errors import RunDirError
 from apil_core.common.extras import need
 from apil_core.common.files import is_taken
@@ -41,8 +41,12 @@ def run(
             n_tokens=1,
             metavar="SEEDS",
             group=_OUTPUT,
-            help="Several runs one after the other: 0..4 or 0,3,7.",
+            help="Several runs, with one table and one curve over all: 0..4 or 0,3,7.",
         ),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        Parameter(group=_OUTPUT, help="With --seeds: trainings at a time [default: one per CPU]."),
     ] = None,
     out: Annotated[
         Path | None,
@@ -70,48 +74,24 @@ def run(
     config, plugins = (flags or ConfigFlags()).resolve()
     if show:
         need("matplotlib", "av")
-    jobs = _jobs(config, seeds, out)
     here = World.here()
-    if here.is_main:
-        for _, directory in jobs:
-            refuse_existing(directory)
+    if here.is_main and seeds is None:
+        refuse_existing(out)
     if dry_run:
         if here.is_main:
-            _say_budget(config, plugins, jobs[0][1] or Path("runs"), len(jobs), as_json=as_json)
+            _say_budget(config, plugins, out or Path("runs"), len(seeds or [0]), as_json=as_json)
         return 0
-    documents, code = _train(jobs, plugins, here, show=show, quiet=quiet, as_json=as_json)
-    if as_json and here.is_main:
-        print_json(documents if seeds else documents[0])
-    return code
-
-
-def _train(
-    jobs: list[tuple[RunConfig, Path | None]],
-    plugins: PluginRegistry,
-    here: World,
-    *,
-    show: bool,
-    quiet: bool,
-    as_json: bool,
-) -> tuple[list[dict[str, Any]], int]:
-    """Train one run after the other; return the documents for ``--json``, and the exit code."""
+    if seeds is not None:
+        return train_seeds(config, seeds, out, workers, show=show, quiet=quiet, as_json=as_json)
     from apil_core.runs import runner
-    from apil_core.training.distributed.join import joined
 
-    if len(jobs) > 1:
-        os.environ.pop("WANDB_RUN_ID", None)  # one tracker run cannot hold several seeds
-    documents: list[dict[str, Any]] = []
-    with joined(jobs[0][0].device):  # once for all seeds
-        for seeded, directory in jobs:
-            with make_progress(quiet=quiet or not here.is_main) as progress:
-                result = runner.run(
-                    seeded, out=directory, progress=progress, command=["apil", *sys.argv[1:]], plugins=plugins
-                )
-                if here.is_main:
-                    documents.append(finish(result, progress, show=show, as_json=as_json))
-            if result.status == "interrupted":
-                break
-    return documents, exit_code(result, here)
+    command = ["apil", *sys.argv[1:]]
+    with make_progress(quiet=quiet or not here.is_main) as progress:
+        result = runner.run(config, out=out, progress=progress, command=command, plugins=plugins)
+        document = finish(result, progress, show=show, as_json=as_json) if here.is_main else {}
+    if as_json and here.is_main:
+        print_json(document)
+    return exit_code(result, here)
 
 
 def _say_budget(
@@ -139,14 +119,6 @@ def _say_budget(
     ]
     for line in lines:
         console().print(line, markup=False)
-
-
-def _jobs(
-    config: RunConfig, seeds: list[int] | None, out: Path | None
-) -> list[tuple[RunConfig, Path | None]]:
-    if seeds is None:
-        return [(config, out)]
-    return [(config.model_copy(update={"seed": s}), out / f"s{s}" if out else None) for s in seeds]
 
 
 def refuse_existing(directory: Path | None) -> None:

@@ -50,21 +50,22 @@ def list_(
 @app.command
 def compare(
     *directories: Annotated[
-        Path, Parameter(name="DIR", required=True, help="Run directories; the first is the base.")
+        Path,
+        Parameter(name="DIR", required=True, help="Runs, or directories of several; the first is the base."),
     ],
     as_json: Json = False,
 ) -> None:
     """Compare final scores with the first run's; differences that chance explains are marked."""
     from apil_core.studies.comparison import compare as side_by_side
-    from apil_core.training.storage.run_dir import RunDir
+    from apil_core.training.storage.run_dir import runs_in
 
-    result = side_by_side([RunDir(directory) for directory in directories])
+    result = side_by_side(runs_in(directories))
     for warning in result.warnings:
         say(f"apil: {warning}")
     if as_json:
         print_json(result)
     else:
-        _print(result)
+        print_comparison(result)
 
 
 def _entry(run: RunDir) -> dict[str, Any] | None:
@@ -91,7 +92,8 @@ def _share(evaluation: dict[str, Any] | None, key: str) -> str:
     return f"{100 * rate['value']:.1f} %" if rate else "–"
 
 
-def _print(result: Comparison) -> None:
+def print_comparison(result: Comparison) -> None:
+    """Print scores side by side, and their mean over seeds."""
     rows = table(
         "run", "method", "game", "victim", "seed>", "steps>", "games>",
         "win>", "difference", "win or tie>", "difference",

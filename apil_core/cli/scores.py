@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import shlex
+import statistics
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from apil_core.api.profiles import FAITHFUL
 from apil_core.cli.output import console, table
-from apil_core.cli.readout import physics
+from apil_core.cli.readout import percent, physics
 from apil_core.evaluation.results import in_words
 
 if TYPE_CHECKING:
@@ -34,6 +36,22 @@ def print_score(result: EvaluationResult) -> None:
     out.print(rows)
     for line in _facts(result):
         out.print(line, markup=False)
+
+
+def print_scores(results: Sequence[EvaluationResult]) -> None:
+    """Print several adversaries' scores, one line each, and the mean and standard deviation over them."""
+    rows = table("adversary", "games>", "win>", "tie>", "loss>", "win or tie>")
+    names = ("win_rate", "tie_rate", "loss_rate", "win_or_tie_rate")
+    for result in results:
+        rates = [percent(getattr(result, name)) for name in names]
+        rows.add_row(result.adversary.name, str(result.episodes), *rates)
+    if len(results) > 1:
+        columns = [[100 * getattr(result, name).value for result in results] for name in names]
+        spread = [f"{statistics.mean(column):.1f} ± {statistics.stdev(column):.1f} %" for column in columns]
+        rows.add_row("mean ± sd", "", *spread)
+    console().print(rows)
+    for line in _facts(results[0])[2:]:
+        console().print(line, markup=False)
 
 
 def _facts(result: EvaluationResult) -> list[str]:

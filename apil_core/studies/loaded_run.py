@@ -18,7 +18,7 @@ from apil_core.evaluation.results import EvaluationResult
 from apil_core.evaluation.video.recording import Outcome, RenderOptions, show
 from apil_core.studies.curves.groups import read_groups
 from apil_core.training.storage.recorders import read_metrics
-from apil_core.training.storage.run_dir import RunDir
+from apil_core.training.storage.run_dir import RunDir, runs_in
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -150,7 +150,7 @@ def plot_runs(runs: Sequence[PathLike[str] | str], metrics: Sequence[str] = ()) 
     """Draw learning curves as ``apil runs plot`` does: runs that differ in the seed only become one line.
 
     Args:
-        runs: directories.
+        runs: their directories, or directories of several.
         metrics: further panels, by name of the metric.
 
     Raises:
@@ -159,7 +159,7 @@ def plot_runs(runs: Sequence[PathLike[str] | str], metrics: Sequence[str] = ()) 
     need("matplotlib")
     from apil_core.studies.curves.picture import draw_curves
 
-    groups = read_groups([RunDir(Path(run)) for run in runs], metrics)
+    groups = read_groups(runs_in(list(map(Path, runs))), metrics)
     with tempfile.TemporaryDirectory() as folder:
         picture = Path(folder) / "curve.png"
         draw_curves(groups, picture)

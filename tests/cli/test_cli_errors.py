@@ -131,7 +131,7 @@ def test_an_existing_output_directory_is_left_alone(
     kept.write_text("mine")
     done = apil("run", *TINY, *SMALL, *seeds, "--out", out)
     assert done.code == 2
-    assert f"{kept.parent} exists and is not empty" in done.err
+    assert f"{out} exists and is not empty" in done.err
     assert [path for path in out.rglob("*") if path.is_file()] == [kept]
 
 

@@ -47,7 +47,7 @@ def test_quiet_shows_no_progress(apil: Apil, tmp_path: Path) -> None:
     assert "win or tie" in done.out
 
 
-def test_seeds_run_one_after_the_other_and_compare(apil: Apil, tmp_path: Path) -> None:
+def test_seeds_train_together_are_compared_scored_and_extended(apil: Apil, tmp_path: Path) -> None:
     out = tmp_path / "many"
     done = apil(
         "run", *TINY, *SMALL, "--method", "adrl", "--seeds", "0..1", "--out", out, "--quiet", "--json"
@@ -60,7 +60,12 @@ def test_seeds_run_one_after_the_other_and_compare(apil: Apil, tmp_path: Path) -
     assert {"value", "low", "high", "within_noise"} == set(compared["rows"][1]["win_difference"])
     assert compared["spreads"][0]["seeds"] == [0, 1]
     assert compared["warnings"] == []
-    assert "mean ± sd" in apil("runs", "compare", out / "s0", out / "s1").out
+    assert "mean ± sd" in apil("runs", "compare", out).out
+    scored = json.loads(apil("eval", out, "--episodes", "5", "--quiet", "--json").out)
+    assert [score["adversary"]["name"] for score in scored] == [f"run:{out}/s0", f"run:{out}/s1"]
+    assert "mean ± sd" in apil("eval", out, "--episodes", "5", "--quiet").out
+    raised = apil("resume", out, "--steps", "512", "--quiet", "--json")
+    assert [result["steps"] for result in json.loads(raised.out)] == [512, 512], raised.err
 
 
 def test_resume_extends_a_finished_run(apil: Apil, trained: Path) -> None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from apil_core.evaluation.crossplay.document import CrossPlay
     from apil_core.studies.activations.models import ActivationMap
 
-MATRIX_FILE = "matrix.yaml"
+MATRIX_FILE, SEEDS_FILE = "matrix.yaml", "seeds.yaml"
 
 
 @dataclass(frozen=True)
@@ -66,11 +66,13 @@ class BenchDir:
 
     Args:
         path: its directory; it need not exist yet.
+        flat: of several seeds of one run, which lie directly in it; default: as it is on disk.
     """
 
-    def __init__(self, path: Path | str):
+    def __init__(self, path: Path | str, *, flat: bool | None = None):
         self.path = Path(path)
-        self.matrix_path = self.path / MATRIX_FILE
+        self.flat = (self.path / SEEDS_FILE).is_file() if flat is None else flat
+        self.matrix_path = self.path / (SEEDS_FILE if self.flat else MATRIX_FILE)
         self.logs = self.path / "logs"
         self.report = self.path / "report"
 
@@ -95,7 +97,7 @@ class BenchDir:
 
     def cell(self, name: str) -> RunDir:
         """The run directory of a cell."""
-        return RunDir(self.path / "cells" / name)
+        return RunDir(self.path / name.rpartition("/")[2] if self.flat else self.path / "cells" / name)
 
     def cells(self) -> list[CellDir]:
         """All cells of the matrix, run or not.

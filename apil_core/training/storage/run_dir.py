@@ -380,6 +380,21 @@ def list_runs(root: Path = DEFAULT_ROOT) -> list[RunDir]:
     return [RunDir(path) for path in sorted(found)]
 
 
+def runs_in(directories: Sequence[Path]) -> list[RunDir]:
+    """The runs that these directories are, or contain.
+
+    Raises:
+        RunDirError: one is neither.
+    """
+    found: list[RunDir] = []
+    for directory in directories:
+        below = [RunDir(directory)] if (directory / "config.yaml").is_file() else list_runs(directory)
+        if not below:
+            raise RunDirError(f"{directory} is no run directory (no config.yaml in it), nor has it any below")
+        found += below
+    return found
+
+
 def _default_path(config: RunConfig) -> Path:
     stamp = time.strftime("%Y%m%d-%H%M%S")
     return unused(DEFAULT_ROOT / config.env / config.method / f"{stamp}-s{config.seed}")
