@@ -25,6 +25,7 @@ from apil_core import (
 )
 from apil_core.cli import main
 from apil_core.plugins.discovery import PluginRecord, PluginRegistry, discover
+from apil_core.studies.report.cells import cell, seed_score
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.run_dir import RunDir
 
@@ -104,6 +105,8 @@ def test_scores_results_and_listings_say_white_box(
     assert made.white_box
     assert made.evaluation is not None
     assert made.evaluation.white_box
+    column = [seed_score(made.evaluation, "r", seed=0)]
+    assert cell("toy-pursuit", "inside", column, None, ["1 seed"]).marks == ["1 seed", "white box"]
     assert evaluate(tmp_path / "runs" / "r", episodes=2, plugins=registry).white_box
     plain = run(small_config("adrl", steps=512), out=tmp_path / "runs" / "plain")
     assert not plain.white_box
