@@ -117,10 +117,10 @@ def _learnt(bench: BenchDir, name: str) -> dict[str, Any]:
         score = json.loads(path.read_text())
         scores[path.stem] = [score[what] for what in ("episodes", "wins", "ties", "losses")]
     sessions = len(json.loads(run.environment_path.read_text()))
-    return {"rows": rows, "scores": scores, "sessions": sessions, "weights": _weights(run)}
+    return {"rows": rows, "scores": scores, "sessions": sessions, "weights": weights(run)}
 
 
-def _weights(run: Any) -> dict[str, Any]:
+def weights(run: Any) -> dict[str, Any]:
     """All numbers of the last checkpoint, without times, in a form that can be compared."""
     from apil_core.training.storage import checkpoint
 

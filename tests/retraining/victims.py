@@ -11,7 +11,7 @@ import torch
 from apil_core.api.policy import PolicyInfo
 from apil_core.api.types import View
 from apil_core.policies.network import NetworkShape, PolicyNetwork
-from apil_core.policies.student import save_file
+from apil_core.policies.student import save_policy
 from apil_core.policies.zoo_catalogue import GameFacts
 from apil_core.policies.zoo_layout import tensor_shapes
 from apil_core.policies.zoo_policy import ZooPolicy
@@ -24,7 +24,7 @@ def student(path: Path, kind: Any = "lstm", seed: int = 0, scale: float = 1.0) -
     shape = NetworkShape(kind, 7, 2, width, hidden, 3.0, embed)
     weights = {name: scale * tensor for name, tensor in PolicyNetwork(shape).state_dict().items()}
     weights |= {"observation.mean": torch.randn(7) / 4, "observation.std": torch.rand(7) / 2 + 0.5}
-    save_file(path, shape, {**weights, "log_std": torch.tensor([-1.0, -0.5])}, {})
+    save_policy(path, shape, {**weights, "log_std": torch.tensor([-1.0, -0.5])}, {})
     return f"safetensors:{path}"
 
 
@@ -42,7 +42,7 @@ def runner(path: Path, towards: str, speed: float) -> str:
     weights["mlp.1.weight"].copy_(speed * torch.eye(2, 32))
     weights["mlp.1.bias"].zero_()
     weights |= {"observation.mean": torch.zeros(7), "observation.std": torch.ones(7)}
-    save_file(path, shape, {**weights, "log_std": torch.full((2,), -1.0)}, {})
+    save_policy(path, shape, {**weights, "log_std": torch.full((2,), -1.0)}, {})
     return f"safetensors:{path}"
 
 

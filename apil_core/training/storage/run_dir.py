@@ -208,7 +208,8 @@ class RunDir:
 
     def hold(self) -> Held:
         """Open the directory and read its settings, so that :meth:`found` finds or makes it again."""
-        kept = {path.name: path.read_bytes() for path in (self.config_path, self.environment_path)}
+        files = [path for path in (self.config_path, self.environment_path) if path.is_file()]
+        kept = {path.name: path.read_bytes() for path in files}
         return Held(os.open(self.path, os.O_RDONLY), kept)
 
     def found(self, held: Held) -> Self:
