@@ -73,6 +73,7 @@ _HOMES = {
     "apil_core.runs.distillation.distill": ("distill",),
     "apil_core.training.export.export": ("export",),
     "apil_core.studies.seeds": ("run_seeds",),
+    "apil_core.studies.tune.tune": ("TuneResult", "tune"),
     "apil_core.studies.loaded_run": ("LoadedRun", "Media", "load_run", "plot_runs"),
     "apil_core.plugins.registry": ("load_policy", "make_game"),
     "apil_core.policies.conformance": ("Conformance", "check_policy"),
@@ -183,6 +184,8 @@ if TYPE_CHECKING:
     from apil_core.studies.loaded_run import load_run as load_run
     from apil_core.studies.loaded_run import plot_runs as plot_runs
     from apil_core.studies.seeds import run_seeds as run_seeds
+    from apil_core.studies.tune.tune import TuneResult as TuneResult
+    from apil_core.studies.tune.tune import tune as tune
     from apil_core.training.export.export import export as export
     from apil_core.training.networks import GaussianActor as GaussianActor
     from apil_core.training.networks import mlp as mlp

@@ -36,6 +36,7 @@ _VERBS = (
     ("runs", "runs:app", _WORK, "List runs, compare their scores, draw their learning curves."),
     ("export", "export:export", _WORK, "Write a trained adversary as ONNX, TorchScript or safetensors."),
     ("bench", "bench:app", _WORK, "Measure attacks over methods, games and seeds."),
+    ("tune", "tune:tune", _WORK, "Look for the settings of an attack that win most."),
     ("new", "new:app", _WORK, "Write a plugin package of your own: an attack method, a game or a victim."),
     ("config", "config:app", _WORK, "Show, validate, describe and compare configurations."),
     ("victims", "victims:app", _WORK, "List, check, import and download victims."),

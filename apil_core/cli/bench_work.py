@@ -29,20 +29,20 @@ def work(
     from apil_core.studies.bench.work import perform
 
     if supervised:
-        _listen()
-        threading.Thread(target=_follow_supervisor, daemon=True).start()
+        follow_supervisor()
     progress = PlainProgress()
     return 0 if perform(root, job, threads=threads, progress=progress) == "done" else INTERRUPTED
 
 
-def _listen() -> None:
-    """Enable SIGINT where it was inherited blocked (from Ray) or ignored (from nohup)."""
+def follow_supervisor() -> None:
+    """Stop as for Ctrl-C when standard input closes: the supervisor is gone, or wants it."""
+    # SIGINT may be inherited blocked (from Ray) or ignored (from nohup)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    threading.Thread(target=_wait_for_the_end, daemon=True).start()
 
 
-def _follow_supervisor() -> None:
-    """Stop as for Ctrl-C when the supervisor is gone, which closes its end of the pipe."""
+def _wait_for_the_end() -> None:
     while os.read(sys.stdin.fileno(), 4096):  # unbuffered: a buffer's lock would be held when we exit
         pass
     os.kill(os.getpid(), signal.SIGINT)

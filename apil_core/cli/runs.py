@@ -43,7 +43,8 @@ def list_(
         numbers = (str(entry["seed"]), f"{entry['steps']:,}")
         method = f"{entry['method']} (white box)" if entry.get("white_box") else entry["method"]
         names = (entry["path"], method, game_name(entry["env"], entry["physics"]), entry["victim"])
-        rows.add_row(*names, *numbers, entry["status"], win, win_or_tie)
+        status = ": ".join(filter(None, (entry["status"], entry.get("stopped"))))
+        rows.add_row(*names, *numbers, status, win, win_or_tie)
     console().print(rows if found else f"no runs below {root}")
 
 

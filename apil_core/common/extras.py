@@ -12,6 +12,7 @@ _EXTRAS = {
     "matplotlib": ("matplotlib", "charts", "report"),
     "pandas": ("pandas", "frames of metrics and scores", "notebook"),
     "onnxruntime": ("onnxruntime", "ONNX policies", "onnx"),
+    "optuna": ("optuna", "studies of settings", "tune"),
     "ray": ("ray", "Ray clusters", "ray"),
     "sklearn": ("scikit-learn", "analyses of activations", "analysis"),
     "stable_baselines3": ("stable-baselines3", "views for Stable-Baselines3", "sb3"),

@@ -14,6 +14,7 @@ VERBS = (
         "retrain",
         "distill",
         "export",
+        "tune",
         "new",
         "config",
         "victims",

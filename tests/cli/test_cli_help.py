@@ -88,7 +88,7 @@ def test_run_help_shows_every_flag_with_the_codes_defaults(apil: Apil) -> None:
     [
         *("resume", "eval", "play", "fidelity", "runs", "runs compare", "victims import", "config diff"),
         *("doctor", "bench", "bench run", "bench report"),
-        *("retrain", "crossplay", "analyze", "analyze activations"),
+        *("retrain", "crossplay", "analyze", "analyze activations", "tune"),
         *("new", "new method", "new game", "new victim"),
     ],
 )

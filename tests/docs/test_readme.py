@@ -215,6 +215,7 @@ def test_flags_named_alone_belong_to_some_verb(apil: Apil, page: Path) -> None:
         "bench report",
         "retrain",
         "crossplay",
+        "tune",
         "analyze activations",
         "new victim",
     )

@@ -70,6 +70,7 @@ def test_the_bare_install_is_enough(place, arguments):
         (("play", "run", "--video", "game.mp4"), "videos need PyAV: pip install 'apil[video]'"),
         ((*RUN, "--steps", "4k", "--out", "shown", "--show"), "need matplotlib: pip install 'apil[report]'"),
         (("runs", "plot", "run"), "need matplotlib: pip install 'apil[report]'"),
+        (("tune", "adrl", "--env", "toy-pursuit"), "need optuna: pip install 'apil[tune]'"),
         (("bench", "report", "run"), "need matplotlib: pip install 'apil[report]'"),
         (("analyze", "activations", "run"), "need matplotlib: pip install 'apil[report]'"),
         (("victims", "check", "onnx:no.onnx", "--env", "toy-pursuit"), "pip install 'apil[onnx]'"),

@@ -285,6 +285,7 @@ class RunDir:
         return {
             "path": str(self.path),
             "status": damage or result.get("status", unfinished),
+            "stopped": result.get("stopped", ""),
             "steps": int(last.get("steps", result.get("steps", 0))),
             "evaluation": result.get("evaluation"),
             "white_box": bool(result.get("white_box")),
