@@ -78,7 +78,7 @@ class TestSpace:
                 "ppo.gamma: {low: 0.9, high: 1.1}\n",
                 [":1: ppo.gamma: should be less than or equal to 1, got 1.1"],
             ),
-            ("ppo.epochs: {low: 1.0, high: 2.5}\n", [":1: ppo.epochs: should be a valid integer"]),
+            ("ppo.epochs: {low: 1.0, high: 2.5}\n", [":1: ppo.epochs: should be a whole number, got 2.5"]),
             ("ppo.clip: {low: 0.3, high: 0.1}\n", [":1: ppo.clip: low (0.3) must be below high (0.1)"]),
             ("ppo.clip: {low: 0, high: 1, log: true}\n", [":1: ppo.clip: log needs a low above 0"]),
             (
