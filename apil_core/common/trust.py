@@ -68,7 +68,7 @@ def check(name: str, trusted: bool = True, error: type[ApilError] = ConfigError)
         ApilError: it is not trusted.
     """
     files = sorted(map(str, _named[name])) if name in _named else []
-    where = files[0] if files else "nobody"
+    where = files[0] if files else "no file"
     if _trusted & {name, FLAG} or (trusted and not files):
         why = "as asked"
     elif _record() & {(str(Path(file).parent.resolve()), name) for file in files}:

@@ -41,8 +41,8 @@ def problems_of(error: ValidationError, model: type[BaseModel]) -> list[Problem]
     found = error.errors()
     parts = {tuple(item["loc"][:-1]) for item in found}
     # pydantic also reports a tuple with wrong parts as too short
-    told = [item for item in found if item["type"] != "too_short" or tuple(item["loc"]) not in parts]
-    return [Problem(tuple(item["loc"]), _reason(dict(item), model)) for item in told]
+    shown = [item for item in found if item["type"] != "too_short" or tuple(item["loc"]) not in parts]
+    return [Problem(tuple(item["loc"]), _reason(dict(item), model)) for item in shown]
 
 
 def unknown_name(key: Key, kind: str, name: str, known: Sequence[str]) -> Problem:

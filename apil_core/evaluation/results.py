@@ -98,7 +98,7 @@ def wilson(count: int, total: int) -> Rate:
     return Rate(value=count / total, low=float(low), high=float(high))
 
 
-def told(score: _Score, config: RunConfig) -> _Score:
+def with_observers_played(score: _Score, config: RunConfig) -> _Score:
     """``score`` of a run, with its observers filled in if it is from before scores stored them."""
     known = score.observers is not None
     return score if known else score.model_copy(update={"observers": observers_played(config)})

@@ -177,14 +177,14 @@ class _Trial:
             own.to(device), opponent.to(device), first.to(device), theirs if self.second_mover else None
         )
         generator = torch.Generator(device=device).manual_seed(seed)
-        with _told(len(rows)), torch.no_grad():
+        with _reported(len(rows)), torch.no_grad():
             decision = self.policy.act(view, sample=sample, generator=generator)
         _check(decision, (len(rows), self.seat.action_size))
         return decision
 
 
 @contextmanager
-def _told(games: int) -> Iterator[None]:
+def _reported(games: int) -> Iterator[None]:
     """Turn a policy's failure into an error that states the number of games."""
     try:
         yield

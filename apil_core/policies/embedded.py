@@ -40,8 +40,8 @@ def _listing(name: str, path: Path) -> PolicyListing:
             metadata = file.metadata() or {}
     except (SafetensorError, OSError):  # reported when it is loaded
         metadata = {}
-    told = provenance_of(metadata)
-    source = f"student of {told.get('teacher', 'an unknown teacher')}, {told.get('steps', '?')} steps"
+    stated = provenance_of(metadata)
+    source = f"student of {stated.get('teacher', 'an unknown teacher')}, {stated.get('steps', '?')} steps"
     return PolicyListing(f"{SCHEME}:{name}", True, metadata.get("weights_sha256", ""), source)
 
 

@@ -143,7 +143,7 @@ def _verify_hash(weights: Weights, metadata: Mapping[str, str], where: str) -> N
 def provenance_of(metadata: Mapping[str, str]) -> dict[str, str]:
     """The JSON object under ``provenance`` in a file's metadata, values as text, or nothing."""
     try:
-        told = json.loads(metadata.get("provenance", "{}"))
+        stated = json.loads(metadata.get("provenance", "{}"))
     except json.JSONDecodeError:
         return {}
-    return {key: str(value) for key, value in told.items()} if isinstance(told, dict) else {}
+    return {key: str(value) for key, value in stated.items()} if isinstance(stated, dict) else {}

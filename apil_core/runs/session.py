@@ -25,7 +25,7 @@ from apil_core.plugins.discovery import PluginRegistry
 from apil_core.policies.loading import victim_name
 from apil_core.runs.best import EvaluationHistory
 from apil_core.runs.score import score_in_training
-from apil_core.runs.stop_signal import Stopped, StopWish
+from apil_core.runs.stop_signal import Stopped, StopRequest
 from apil_core.runs.warm_start import beside_teacher, warm_start
 from apil_core.training.distributed.join import in_contact
 from apil_core.training.plugin_state import states_of
@@ -96,7 +96,7 @@ class Session:
         self._held, self._moved = run_dir.hold(), ""
         self._saved_iteration = -1
         self._said = False
-        self._wish = StopWish(progress)
+        self._stop_request = StopRequest(progress)
         if self.config.evaluation.episodes or self.config.evaluation.every_steps:
             import_module("scipy.stats")  # scores need it: where memory is too short, no training is lost
 
@@ -115,7 +115,7 @@ class Session:
         for note in (*hooks.notes(), *self._costly_scores()) if self.world.is_main else ():
             self.progress.note(note)
         try:
-            with hooks.attribution(), in_contact(), self._wish.listening(), one_torch_thread():
+            with hooks.attribution(), in_contact(), self._stop_request.listening(), one_torch_thread():
                 with hooks.arguments_unchanged():  # for the start only: it copies the arguments
                     self._hook.run_started(run=trainer)
                 if teacher is not None:
@@ -140,7 +140,7 @@ class Session:
         warm_start(self.trainer, teacher)
         self.save()
         with suppress(Stopped):
-            self.progress.note(beside_teacher(self.trainer, teacher, self._wish.progress))
+            self.progress.note(beside_teacher(self.trainer, teacher, self._stop_request.progress))
 
     def _costly_scores(self) -> Iterator[str]:
         """A warning if evaluation may take longer than the remaining training."""
@@ -183,7 +183,7 @@ class Session:
         if self.world.size > 1:  # all stop if one has a reason; the first reason is reported
             reasons = [reason for reason in self.world.gather(trainer.stopped) if reason]
             trainer.stopped = reasons[0] if reasons else ""
-        return not (trainer.finished or trainer.stopped or self.world.any(self._wish.asked))
+        return not (trainer.finished or trainer.stopped or self.world.any(self._stop_request.asked))
 
     def _iteration(self) -> None:
         trainer = self.trainer
@@ -196,7 +196,7 @@ class Session:
         before = trainer.steps
         metrics = trainer.iterate()
         if self.world.is_main:
-            self._told(before, metrics)
+            self._report_or_save(before, metrics)
         if self.world.size > 1:  # the others wait here while the first one evaluates
             metrics = self.world.share(metrics)
         if not self.world.is_main:
@@ -204,7 +204,7 @@ class Session:
         if trainer.iteration % self.config.checkpoint.every_iterations == 0:
             self.save()
 
-    def _told(self, before: int, metrics: dict[str, float]) -> None:
+    def _report_or_save(self, before: int, metrics: dict[str, float]) -> None:
         """Call :meth:`_report`; if it fails, save the finished iteration first."""
         try:
             self._report(before, metrics)
@@ -303,7 +303,7 @@ class Session:
         over = self.trainer.finished or self.trainer.stopped
         if self.trainer.stopped and self.world.is_main:
             self.progress.note(f"stopped early: {self.trainer.stopped}")
-        if self.world.is_main and over and not self._wish.asked:
+        if self.world.is_main and over and not self._stop_request.asked:
             with suppress(Stopped):  # the checkpoint is written already
                 evaluation = self._final_evaluation()
                 status = "finished"
@@ -332,7 +332,7 @@ class Session:
             )
 
     def _evaluate(self, episodes: int, **options: Any) -> EvaluationResult:
-        result = score_in_training(self.trainer, episodes, self._wish.progress, **options)
+        result = score_in_training(self.trainer, episodes, self._stop_request.progress, **options)
         self.progress.evaluation(result, self.trainer.steps)
         return result
 

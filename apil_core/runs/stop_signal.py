@@ -48,7 +48,7 @@ class Stopped(Exception):  # noqa: N818  (no error: the user asked for it)
     """Ctrl-C during an evaluation."""
 
 
-class StopWish:
+class StopRequest:
     """Counts signals: the first asks training to end after its iteration, the second ends it at once.
 
     Attributes:
@@ -62,7 +62,7 @@ class StopWish:
     def __init__(self, progress: Progress):
         self.asked = False
         self.progress: Progress = _StoppableProgress(self, progress)
-        self._told = progress
+        self._progress = progress
 
     def listening(self) -> AbstractContextManager[None]:
         """Handle signals within ``with``."""
@@ -73,15 +73,15 @@ class StopWish:
             raise KeyboardInterrupt
         self.asked = True
         with suppress(RuntimeError):  # the signal may have come in the middle of a print
-            self._told.note("stopping after this iteration, with a checkpoint (once more: at once)")
+            self._progress.note("stopping after this iteration, with a checkpoint (once more: at once)")
 
 
 class _StoppableProgress(Progress):
-    def __init__(self, wish: StopWish, progress: Progress):
-        self._wish = wish
+    def __init__(self, request: StopRequest, progress: Progress):
+        self._stop_request = request
         self._progress = progress
 
     def evaluation_progress(self, done: int, total: int) -> None:
-        if self._wish.asked:
+        if self._stop_request.asked:
             raise Stopped
         self._progress.evaluation_progress(done, total)

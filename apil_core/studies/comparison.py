@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from apil_core.common.statistics import Difference, difference
 from apil_core.config.game import stored_game, stored_physics
-from apil_core.evaluation.results import EvaluationResult, Rate, in_words, told
+from apil_core.evaluation.results import EvaluationResult, Rate, in_words, with_observers_played
 from apil_core.studies.curves.curves import final_score
 from apil_core.studies.curves.groups import seed_groups
 from apil_core.training.storage.run_dir import RunDir
@@ -84,7 +84,7 @@ def _row(run: RunDir, score: EvaluationResult | None) -> Row:
         facts = {
             "episodes": score.episodes,
             "action_modes": f"{score.adversary_actions}/{score.victim_actions}",
-            "observers": ", ".join(in_words(told(score, config).observers or {})),
+            "observers": ", ".join(in_words(with_observers_played(score, config).observers or {})),
             "win": score.win_rate,
             "win_or_tie": score.win_or_tie_rate,
         }

@@ -65,7 +65,7 @@ GAME_CHECKS = {
     "seeds": Check("Game seeds", "a seed gives the same games bit for bit at any number of threads"),
     "save": Check("Saved games", "state_dict is plain data, and a game that loads it goes on bit for bit"),
     "reset": Check("Reset", "reset(mask) starts new games in those rows and leaves the others alone"),
-    "inactive": Check("Inactive games", "games that are not active stand still and disturb nobody"),
+    "inactive": Check("Inactive games", "games that are not active stand still and change no other"),
     "ended": Check("Ended games", "ended games stay ended until reset"),
     "bounds": Check("Action bounds", "actions out of bounds count as those at the bounds"),
     "beside": Check("Games beside", "how a game goes does not depend on what is played beside it"),

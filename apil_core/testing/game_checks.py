@@ -88,7 +88,7 @@ def inactive(trial: Trial) -> None:
     with trial.game() as game:
         step = game.step(Play(game).actions(), np.zeros(GAMES, bool))
         if step.done.any() or step.lengths.any():
-            raise trial.broken("inactive", "a first step in which nobody plays must move nothing")
+            raise trial.broken("inactive", "a first step without active games must move nothing")
 
 
 def _disturbed(step: GameStep, full: GameStep, active: Array) -> str | None:

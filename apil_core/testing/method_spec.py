@@ -139,11 +139,11 @@ def check_marks(tested: MethodUnderTest, method: Method, manager: RunHookManager
     """Check for unmarked functions named like a hook, and for hooks that belong to the module."""
     name, hooks = type(method).__name__, manager.manager
     for hook in unmarked(hooks, type(method)):
-        text = f"{name}.{hook} is named like a hook but not marked with @hookimpl: nobody would call it"
+        text = f"{name}.{hook} is named like a hook but not marked with @hookimpl: it would never be called"
         raise tested.broken("marks", text, hook)
     for hook in vars(hooks.hook):
         if hook.startswith("register_") and callable(getattr(type(method), hook, None)):
-            text = f"{hook} is a hook of the plugin's module; nobody asks a method's object"
+            text = f"{hook} is a hook of the plugin's module; never called on a method's object"
             raise tested.broken("marks", text, hook)
 
 

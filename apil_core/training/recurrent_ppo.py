@@ -137,7 +137,7 @@ class NetworkLearner(Learner):
         self.critic = critic
         games = len(example)
         self._states = [model.network.zero_state(games) for model in (actor, critic)]
-        self._nobody = torch.zeros(1, games, dtype=torch.bool, device=device)
+        self._no_reset = torch.zeros(1, games, dtype=torch.bool, device=device)
         self._explained = math.nan
 
     def _mean(self, latent: Tensor) -> Tensor:
@@ -167,7 +167,7 @@ class NetworkLearner(Learner):
 
     def _values(self, last: TensorDict) -> tuple[Tensor, Tensor]:
         values = self._follow()
-        following, _ = self.critic.network(latent(last).unsqueeze(0), self._nobody, self._states[1])
+        following, _ = self.critic.network(latent(last).unsqueeze(0), self._no_reset, self._states[1])
         return values, following[0]
 
     def _present(self, observations: TensorDict) -> DiagonalGaussian:

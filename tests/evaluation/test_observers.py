@@ -335,13 +335,13 @@ def test_it_cannot_be_named_like_a_plugin_that_is_one_itself(
 
 
 def test_a_score_from_before_they_were_told_was_played_with_the_runs(drifting: PluginRegistry) -> None:
-    from apil_core.evaluation.results import told
+    from apil_core.evaluation.results import with_observers_played
 
     config = complete(small_config("adrl", observers=("drift",)), drifting)
     score = evaluate("random", episodes=2, env="toy-pursuit", plugins=drifting)
-    assert told(score, config).observers == {}
+    assert with_observers_played(score, config).observers == {}
     old = score.model_copy(update={"observers": None})
-    assert told(old, config).observers == {"drift": {"rate": 0.001}}
+    assert with_observers_played(old, config).observers == {"drift": {"rate": 0.001}}
 
 
 def test_an_option_may_be_set_as_a_whole_section(drifting: PluginRegistry) -> None:

@@ -83,7 +83,7 @@ def agents(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 
 def test_it_does_not_run_unless_trusted(agents: str) -> None:
     with pytest.raises(
-        VictimError, match=r"^python:their_agents:chase runs code when it is loaded, and nobody names"
+        VictimError, match=r"^python:their_agents:chase runs code when it is loaded, and no file names"
     ):
         load_policy(f"python:{agents}:chase", seat=seat())
     with pytest.raises(VictimError, match="or add --trust"):

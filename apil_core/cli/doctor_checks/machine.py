@@ -202,11 +202,15 @@ def disk(scope: Scope) -> Iterator[Finding]:
     from apil_core.policies.zoo_cache import cache_dir
     from apil_core.training.storage.run_dir import DEFAULT_ROOT
 
-    yield room("disk: runs", DEFAULT_ROOT.absolute(), "error", "run it in another folder, or give --out")
-    yield room("disk: victims", cache_dir().absolute(), "warning", "set APIL_CACHE to a folder of yours")
+    yield free_space(
+        "disk: runs", DEFAULT_ROOT.absolute(), "error", "run it in another folder, or give --out"
+    )
+    yield free_space(
+        "disk: victims", cache_dir().absolute(), "warning", "set APIL_CACHE to a folder of yours"
+    )
 
 
-def room(check: str, folder: Path, status: Status, remedy: str) -> Finding:
+def free_space(check: str, folder: Path, status: Status, remedy: str) -> Finding:
     """Check the free space in ``folder``, which need not exist; ``status`` if it cannot be written."""
     place = next(above for above in (folder, *folder.parents) if above.exists())
     reason = why_unwritable(place) if place.is_dir() else f"{place} is a file"
@@ -216,5 +220,5 @@ def room(check: str, folder: Path, status: Status, remedy: str) -> Finding:
     text = f"{folder}: {free / 2**30:,.1f} GiB free"
     if free < ENOUGH:
         needs = "a checkpoint takes 1 to 3 MB and a run keeps two, but metrics and videos grow"
-        return Finding(check, "warning", f"{text}; {needs}", "make room")
+        return Finding(check, "warning", f"{text}; {needs}", "free some space")
     return Finding(check, "ok", text)

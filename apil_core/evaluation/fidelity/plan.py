@@ -199,7 +199,7 @@ def _rows(kind: RowKind, spec: GameSpec, matchup: Matchup, request: PlanRequest)
             victim=matchup.victim,
             kind=kind,
             **modes,
-            options=_told(model, {**base, **change}),
+            options=_stored_options(model, {**base, **change}),
             episodes=episodes,
             seed=request.seed,
             num_envs=min(episodes, request.num_envs),
@@ -238,10 +238,10 @@ def _values(model: type[BaseModel] | None, options: Mapping[str, Any]) -> dict[s
 
 def _base(model: type[BaseModel] | None, physics: Profile | None) -> dict[str, Any]:
     """The options that put a game into a profile other than its default."""
-    return {} if physics is None else _told(model, {PHYSICS: physics})
+    return {} if physics is None else _stored_options(model, {PHYSICS: physics})
 
 
-def _told(model: type[BaseModel] | None, options: Mapping[str, Any]) -> dict[str, Any]:
+def _stored_options(model: type[BaseModel] | None, options: Mapping[str, Any]) -> dict[str, Any]:
     """The options with an effect: neither a default nor the profile's value."""
     plain = _values(model, {})
     profile = {key: value for key, value in options.items() if key == PHYSICS and value != plain.get(key)}

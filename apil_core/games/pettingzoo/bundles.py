@@ -85,7 +85,7 @@ class Bundles:
             raise self._broken(f"a worker process died ({reason_of(error)})") from error
         self._busy = False
         if "failure" in info:
-            texts = [text for text, told in zip(info["failure"], info["_failure"], strict=True) if told]
+            texts = [text for text, failed in zip(info["failure"], info["_failure"], strict=True) if failed]
             raise self._broken(f"{method}() failed: {texts[0]}")
         return {name: self._joined(array) for name, array in shown.items()}
 

@@ -35,8 +35,8 @@ def load(name: str, *, seat: SideLayout | None) -> Policy:
     runtime = need("onnxruntime")
     origin = _with_weights(Origin.of("onnx", name))
     session = _session(origin, runtime)
-    told = session.get_modelmeta().custom_metadata_map
-    signature = _checked(origin, session, Signature.read(told.get(SIGNATURE_FILE), origin.name))
+    stated = session.get_modelmeta().custom_metadata_map
+    signature = _checked(origin, session, Signature.read(stated.get(SIGNATURE_FILE), origin.name))
     refuse_values(origin.name, [output.name for output in session.get_outputs()])
     names = [wanted.name for wanted in session.get_inputs()]
 

@@ -93,8 +93,8 @@ class StudentLearner:
     def act(self, z: Tensor) -> Tensor:
         """Mean actions in units of σ for standardised observations, (n, o) → (n, a)."""
         assert self._memory is not None, "begin() comes first"
-        nobody = torch.zeros(1, len(z), dtype=torch.bool, device=z.device)
-        mean, self._memory = self.network(z.unsqueeze(0), nobody, self._memory)
+        no_reset = torch.zeros(1, len(z), dtype=torch.bool, device=z.device)
+        mean, self._memory = self.network(z.unsqueeze(0), no_reset, self._memory)
         return mean[0]
 
     def ended(self, done: Tensor) -> None:
@@ -117,10 +117,10 @@ class StudentLearner:
     def _rows(self, block: Block, generator: torch.Generator) -> Iterator[Tensor]:
         """Errors of minibatches of steps in random order."""
         z, label = block.observation.flatten(0, 1), block.label.flatten(0, 1)
-        nobody = torch.zeros(1, 1, dtype=torch.bool, device=z.device)
+        no_reset = torch.zeros(1, 1, dtype=torch.bool, device=z.device)
         nothing = self.network.zero_state(1)
         for rows in torch.randperm(len(z), generator=generator).split(self._minibatch):
-            mean, _ = self.network(z[rows].unsqueeze(0), nobody, nothing)
+            mean, _ = self.network(z[rows].unsqueeze(0), no_reset, nothing)
             yield (mean[0] - label[rows]).square().mean()
 
     def _games(self, block: Block, generator: torch.Generator) -> Iterator[Tensor]:

@@ -82,8 +82,10 @@ class RetrainSession(Session):
         evaluation = self.retraining.evaluation
         if evaluation.before and not self._before and not self.trainer.iteration:
             with suppress(Stopped):
-                self._before = self._scores(self.config.victim, evaluation.episodes, self._wish.progress)
-            if self._wish.asked:
+                self._before = self._scores(
+                    self.config.victim, evaluation.episodes, self._stop_request.progress
+                )
+            if self._stop_request.asked:
                 return
         super()._iteration()
 
@@ -95,7 +97,7 @@ class RetrainSession(Session):
 
     def _final_evaluation(self) -> None:
         name, games = name_of(self.directory.path), self.config.evaluation.episodes
-        self._after = self._scores(name, games, self._wish.progress)
+        self._after = self._scores(name, games, self._stop_request.progress)
         self.log.summarize({"final/steps": self.trainer.steps, **_counts(self._after, "final")})
 
     def _scores(self, victim: str, episodes: int, progress: Progress) -> Scores:

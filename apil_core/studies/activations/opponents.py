@@ -22,7 +22,7 @@ from apil_core.evaluation.pairing import load_pairing
 from apil_core.evaluation.progress import PartOfAll, Progress
 from apil_core.plugins.default_victim import default_baseline
 from apil_core.plugins.registry import plugins_with
-from apil_core.studies.activations.recording import Recorded, check_told, record
+from apil_core.studies.activations.recording import Recorded, check_has_activations, record
 
 BASELINE = "baseline"
 """Label of normal play."""
@@ -59,7 +59,7 @@ def gather(opponents: Names, victim: str | None, baseline: str | None, options: 
     names: dict[str, Path | str] = {BASELINE: normal}
     names |= {label: name for label, name in opponents.items() if label != BASELINE}
     attacked = victim or _attacked(runs)
-    participants = load_all(names, {"victim": attacked}, options, look=check_told)
+    participants = load_all(names, {"victim": attacked}, options, look=check_has_activations)
     if victim is None:
         _check_pinned(runs, participants.victims[0])
     return Opponents(names, attacked, participants)

@@ -77,7 +77,7 @@ class RecordingPolicy(Policy):
     ) -> Decision:
         """See :meth:`apil_core.Policy.act`."""
         decision = self._policy.act(view, sample=sample, generator=generator, activations=True)
-        hidden = told_by(self._policy, decision)
+        hidden = activations_of(self._policy, decision)
         first = view.first.cpu().numpy()
         if first.all():
             self._number = np.zeros(len(first), np.int64)
@@ -101,7 +101,7 @@ class RecordingPolicy(Policy):
         self._policy.load_recurrent_state(state)
 
 
-def told_by(policy: Policy, decision: Decision) -> Tensor:
+def activations_of(policy: Policy, decision: Decision) -> Tensor:
     """Return the activations that came with a decision, (n, k).
 
     Raises:
@@ -116,7 +116,7 @@ def told_by(policy: Policy, decision: Decision) -> Tensor:
     return hidden
 
 
-def check_told(pairing: Pairing) -> None:
+def check_has_activations(pairing: Pairing) -> None:
     """Check that the victim returns activations, with one action that is not played.
 
     Raises:
@@ -127,7 +127,7 @@ def check_told(pairing: Pairing) -> None:
     own, opponent = (torch.from_numpy(game.observations[i]).to(pairing.device) for i in (side, 1 - side))
     first = torch.ones(len(own), dtype=torch.bool, device=pairing.device)
     decision = pairing.victim.act(View(own, opponent, first), sample=False, activations=True)
-    told_by(pairing.victim, decision)
+    activations_of(pairing.victim, decision)
 
 
 def record(pairing: Pairing, games: int, seed: int, progress: Progress) -> Recorded:

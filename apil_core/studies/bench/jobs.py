@@ -241,7 +241,7 @@ def matches(result: Any, wanted: ScoreConfig, cell: Cell, trained: int | None) -
     ``trained`` is ``None`` for an adversary that is no cell's, and so has no cell's observers.
     """
     from apil_core.config.game import stored_physics
-    from apil_core.evaluation.results import observers_played, told
+    from apil_core.evaluation.results import observers_played, with_observers_played
 
     if result is None:
         return False
@@ -259,7 +259,7 @@ def matches(result: Any, wanted: ScoreConfig, cell: Cell, trained: int | None) -
     played = (
         result.episodes,
         (result.blind, result.blind_victim),
-        (result if trained is None else told(result, cell.config)).observers or {},
+        (result if trained is None else with_observers_played(result, cell.config)).observers or {},
         result.physics,
         result.adversary_actions,
         result.victim_actions,

@@ -202,8 +202,8 @@ def changed_options(config: RunConfig, besides: Container[str]) -> list[str]:
 
 def conditions(score: EvaluationResult) -> str:
     """All that a score depends on except the adversary, its blinding, the seed and the number of games."""
-    told = {"env", "victim", "adversary_actions", "victim_actions", "observers"}
-    facts = score.model_dump(mode="json", include=told)
+    fields = {"env", "victim", "adversary_actions", "victim_actions", "observers"}
+    facts = score.model_dump(mode="json", include=fields)
     return str({**facts, **dict(sorted(score.options_played.items()))})
 
 

@@ -12,7 +12,7 @@ from apil_core.api.config import RunConfig
 from apil_core.common.errors import ApilError, ConfigError, RunDirError
 from apil_core.config.game import stored_physics
 from apil_core.evaluation.crossplay.document import CrossPlay
-from apil_core.evaluation.results import EvaluationResult, told
+from apil_core.evaluation.results import EvaluationResult, with_observers_played
 from apil_core.studies.bench.cells import Benchmark, resolve_matrix
 from apil_core.studies.bench.folder import BenchDir, CellDir, read_score
 from apil_core.studies.bench.jobs import Job, make_jobs
@@ -209,6 +209,6 @@ def _read_run(directory: RunDir, name: str, axes: tuple[str, ...] = (), failure:
     if PLAIN not in scores and (ended := final_score(run)) is not None:
         scores = {PLAIN: ended, **scores}
     config = run.config()
-    scores = {each: told(score, config) for each, score in scores.items()}
+    scores = {each: with_observers_played(score, config) for each, score in scores.items()}
     ordered = dict(sorted(scores.items(), key=lambda item: item[0] != PLAIN))
     return Run(run, name, config, ordered, axes, failure, run.summary())
