@@ -21,13 +21,19 @@ from typing import Any
 
 from ruamel.yaml import YAML
 from site_check import problems
+from site_python import reference_pages
 from site_reference import cli_page, config_page, method_addendum
 from site_sources import ROOT, SiteError, Sources
 
+import apil_core.testing
 from apil_core.plugins.discovery import discover
 
 CONFIG = ROOT / "mkdocs.yml"
 HERE = Path(__file__).resolve().parent
+_MADE = """
+Only on this site, made from the code: the [command line](cli.md), [every setting](settings.md) and the
+[Python reference](reference/index.md).
+"""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -67,7 +73,10 @@ def gather(work: Path) -> None:
     sources = Sources(work / "docs", str(config.get("extra", {}).get("source_url") or ""))
     methods = [place for place in sources.places.values() if place.parts[0] in ("methods", "examples")]
     addenda = {place: method_addendum(place.stem, plugins) for place in methods}
-    sources.write(addenda, {"cli.md": cli_page(), "settings.md": config_page(plugins)})
+    addenda[sources.places[PurePosixPath("docs/README.md")]] = _MADE
+    public = {*apil_core.__all__, *apil_core.testing.__all__} - {"__version__"}
+    made = {"cli.md": cli_page(), "settings.md": config_page(plugins), **reference_pages(public)}
+    sources.write(addenda, made)
     pages = {PurePosixPath(page.relative_to(work / "docs")) for page in (work / "docs").rglob("*.md")}
     config["nav"] = spelt_out(config["nav"], {page for page in pages if page.parts[0] != "source"})
     config["docs_dir"], config["site_dir"] = "docs", "site"

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import apil_core
+import apil_core.testing
 
 LIST = Path(__file__).with_name("public_api.txt")
 COMMAND = "python tests/api/test_public_api.py"
@@ -96,6 +97,13 @@ def test_the_listing_tells_signatures_fields_and_methods_apart() -> None:
     assert "    def state_dict(self) -> dict[str, Any]" in lines
     assert "    reward: Tensor" in lines
     assert not any(line.strip().startswith("def _") and "__init__" not in line for line in lines)
+
+
+def test_every_public_name_has_a_place_in_the_sites_reference(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("griffe")
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "docs/site")
+    public = {*apil_core.__all__, *apil_core.testing.__all__} - {"__version__"}
+    assert public == set(__import__("site_python")._PAGE_OF), "add it to GROUPS in docs/site/site_python.py"
 
 
 def test_it_is_typed_for_those_who_use_it() -> None:

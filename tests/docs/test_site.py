@@ -12,6 +12,7 @@ from types import ModuleType
 import pytest
 from cli.cli_helpers import VERBS
 
+import apil_core.testing
 from apil_core.api.hookspecs import RunHooks
 from apil_core.api.specs import options_model
 from apil_core.config.resolve import flatten
@@ -24,7 +25,8 @@ FAQ = ROOT / "docs" / "faq.md"
 
 def module(name: str) -> ModuleType:
     """One of the scripts in docs/site/, which are no package."""
-    pytest.importorskip("latex2mathml")
+    for library in ("latex2mathml", "griffe"):
+        pytest.importorskip(library)
     sys.path.insert(0, str(SITE))
     try:
         return __import__(name)
@@ -89,6 +91,19 @@ def test_a_method_says_which_presets_change_it(gathered: Path) -> None:
     text = (gathered / "methods" / "apl.md").read_text()
     assert "| `apl-code` | `options.apl.advantage_difference` | `true` |" in text
     assert "It has no options of its own." in (gathered / "methods" / "adrl.md").read_text()
+
+
+def test_every_public_name_is_in_the_python_reference(gathered: Path) -> None:
+    pages = {page.stem: page.read_text() for page in (gathered / "reference").glob("*.md")}
+    for name in {*apil_core.__all__, *apil_core.testing.__all__} - {"__version__"}:
+        (page,) = re.findall(rf"^\| \[`{name}`\]\((\w+)\.md#{name.lower()}\)", pages["index"], re.M)
+        assert f"## `{name}`\n\n```python\n" in pages[page]
+    assert ":class:" not in "".join(pages.values())
+    assert "gae(\n    rewards: Tensor,\n    values: Tensor,\n" in pages["learning"]
+    assert "- `gamma` (`float`): discount per step.\n" in pages["learning"]
+    assert "- `reward, victim_reward`: r^α and r^ν in the units of [docs/methods.md]" in pages["types"]
+    assert "- `ApilError`: one line per mistake" in pages["configuration"]
+    assert "### `GameVectorEnv.step`\n" in pages["environments"]
 
 
 # --- what is refused
