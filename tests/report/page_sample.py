@@ -48,6 +48,15 @@ def report_data(*, nasty: bool = True, games: Sequence[str] = GAMES[:2]) -> m.Re
         tables=[*tables, _table(1, games[:1], columns, rng, setting="s2")],
         differences=[d for table in tables for row in table.rows for d in _differences(table, row)],
         aggregates=[_aggregate(column, metric) for column in columns for metric in ("win", "win_or_tie")],
+        profiles=[_profile(column, metric) for column in methods for metric in ("win", "win_or_tie")],
+        improvements=[
+            t.Improvement(
+                **{"setting": "s1", "column": column, "base": "adrl", "metric": metric},
+                **{"runs": 6, "base_runs": 6, "value": 0.6, "low": 0.4, "high": 0.8},
+            )
+            for column in methods[1:]
+            for metric in ("win", "win_or_tie")
+        ],
         curves=[_panel(game, methods, rng) for game in games],
         retraining=[_retraining(game, method, rng) for game in few for method in ("apil", "e_apil")],
         ablations=[_ablation(rng)],
@@ -230,6 +239,13 @@ def _aggregate(column: str, metric: str) -> t.Aggregate:
         seeds=1,
         note="One seed: no interval.",
     )
+
+
+def _profile(column: str, metric: str) -> t.Profile:
+    value = [1 - (i / 100) ** (1 + len(column) % 6) for i in range(101)]
+    low, high = ([min(max(v + d, 0), 1) for v in value] for d in (-0.1, 0.1))
+    named = {"setting": "s1", "column": column, "metric": metric}
+    return t.Profile(runs=6, value=value, low=low, high=high, **named)
 
 
 def _line(rng: np.random.Generator, top: float, n: int = 60, last: int = 1_000_000) -> Line:

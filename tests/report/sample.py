@@ -145,8 +145,9 @@ def hand_table(
     for game, columns_of in games.items():
         row = []
         for column in columns:
+            trained = None if column == "baseline" else STEPS
             scores = [
-                cells.seed_score(result(game, wins, 0), f"{column}{seed}", seed)
+                cells.seed_score(result(game, wins, 0, trained_steps=trained), f"{column}{seed}", seed)
                 for seed, wins in enumerate(columns_of.get(column, ()))
             ]
             row.append(cells.cell(game, column, scores, None))

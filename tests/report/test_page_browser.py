@@ -125,7 +125,7 @@ def test_no_request_could_leave(visit: Visit):
 def test_names_of_plugins_stay_words(visit: Visit):
     assert NASTY in visit.page.title()
     assert visit.page.locator("th .method", has_text=NASTY).first.is_visible()
-    assert visit.page.locator("#aggregates svg text", has_text="<b>my</b>").count() == 2
+    assert visit.page.locator("#aggregates svg text", has_text="<b>my</b>").count() == 4
     assert visit.page.locator("svg b, svg script").count() == 0
 
 
@@ -202,7 +202,8 @@ def test_tables_can_be_copied_and_saved(visit: Visit):
     page = visit.page
     page.evaluate("document.querySelectorAll('details').forEach((d) => { d.open = true; })")
     buttons = page.locator("button.copier").all()
-    assert len(buttons) == 2 * len(page_sample.report_data().tables)
+    data = page_sample.report_data()
+    assert len(buttons) == 2 * len(data.tables) + 4  # aggregates as LaTeX and CSV; profiles and improvements
     for button in buttons:
         button.evaluate("(b) => b.click()")
         text = page.locator(f"#{button.get_attribute('data-of')}").text_content()

@@ -16,7 +16,12 @@ from apil_core.studies.report.figures import palette
 from apil_core.studies.report.figures.activations import activation_plots
 from apil_core.studies.report.figures.crossplay import crossplay_maps
 from apil_core.studies.report.figures.curves import diagnostic_plots, learning_curves, retraining_curves
-from apil_core.studies.report.figures.dots import ablation_dots, aggregate_dots
+from apil_core.studies.report.figures.dots import (
+    ablation_dots,
+    aggregate_dots,
+    improvement_dots,
+    profile_plots,
+)
 from apil_core.studies.report.figures.endings import SEEING, ending_bars
 from apil_core.studies.report.figures.plot import Plot, scale_top
 from apil_core.studies.report.models import ReportData
@@ -177,6 +182,25 @@ def test_aggregates_without_interval_have_no_error_bar(data, pens):
     without, with_interval = whiskers(drawn(aggregate_dots(group, pens, SETTINGS)[0]))
     assert without == pytest.approx((40, 40, 40))
     assert with_interval == pytest.approx((50, 44, 55))
+
+
+def test_a_profile_is_drawn_in_percent_with_its_band_and_its_runs(data, pens):
+    group = [each for each in data.profiles if each.metric == "win"]
+    plot = profile_plots(group, pens, {})[0]
+    axis = drawn(plot)
+    assert list(axis.lines[0].get_ydata()) == pytest.approx([100 * v for v in group[0].value])
+    assert axis.lines[0].get_color() == pens["adrl"].colour
+    assert axis.collections[0].get_paths()[0].vertices[:, 1].max() == pytest.approx(100 * max(group[0].high))
+    assert plot.caption.startswith("Runs: adrl 6, apl 6, ")
+    assert f"adrl {100 * group[0].value[50]:.1f} %" in plot.alt
+
+
+def test_probabilities_of_improvement_have_a_row_for_each_pair(data, pens):
+    group = [each for each in data.improvements if each.metric == "win" and each.column in ("apl", "apil")]
+    axis = drawn(improvement_dots(group, pens, SETTINGS)[0])
+    assert [label.get_text() for label in axis.get_yticklabels()] == ["apl over adrl", "apil over adrl"]
+    assert whiskers(axis) == [pytest.approx((60, 40, 80))] * 2
+    assert list(axis.lines[-1].get_xdata()) == [50, 50]
 
 
 def test_activation_points_and_likelihoods(data, pens):

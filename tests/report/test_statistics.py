@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from apil_core.common.statistics import difference
 from apil_core.evaluation.results import wilson
 from apil_core.studies.report.statistics import (
+    bootstrapped,
     compared,
     interquartile_mean,
+    performance_profile,
+    probability_of_improvement,
     published_rate,
     share,
-    stratified_interval,
     verdict,
 )
 
@@ -86,12 +89,39 @@ def test_a_published_share_has_the_noise_of_its_games() -> None:
 
 def test_the_interquartile_mean_is_that_of_the_middle_half() -> None:
     """Of eight numbers the two smallest and the two largest do not count: (2+3+4+5)/4."""
-    assert interquartile_mean([0, 1, 2, 3, 4, 5, 60, 700]) == pytest.approx(3.5)
+    value, low, high = bootstrapped(interquartile_mean, [[0, 1, 2, 3, 4, 5, 60, 700], []])
+    assert (value, low, high) == (pytest.approx(3.5), None, None)
 
 
 def test_seeds_are_redrawn_within_their_game() -> None:
     """Games whose seeds agree leave nothing to chance, however much games differ."""
-    assert stratified_interval([[0.0, 0.0], [1.0, 1.0]]) == (0.5, 0.5)
-    low, high = stratified_interval([[0.0, 1.0], [0.0, 1.0]]) or (0.5, 0.5)
+    assert bootstrapped(interquartile_mean, [[0.0, 0.0], [1.0, 1.0]]) == (0.5, 0.5, 0.5)
+    _, low, high = bootstrapped(interquartile_mean, [[0.0, 1.0], [0.0, 1.0]])
     assert low < 0.25 < 0.75 < high
-    assert stratified_interval([[0.1, 0.2], [0.3]]) is None
+    assert bootstrapped(interquartile_mean, [[0.1, 0.2], [0.3]])[1:] == (None, None)
+
+
+def test_a_profile_is_the_share_of_runs_above_each_score() -> None:
+    """Above 30 %: one of two runs in one game, both in the other; above 40 %: none, and one of two."""
+    value, low, high = bootstrapped(performance_profile, [[0.2, 0.4], [0.6, 0.4]])
+    assert [value[i] for i in (0, 19, 20, 30, 40, 60)] == [1.0, 1.0, 0.75, 0.75, 0.25, 0.0]
+    assert len(value) == len(low) == len(high) == 101
+    assert (low[19], high[19], low[60], high[60]) == (1.0, 1.0, 0.0, 0.0)
+
+
+def test_the_probability_of_improvement_counts_pairs_within_games() -> None:
+    """Of four pairs one is won, one equal: 1.5/4; against a fixed agent one of two won, one equal: 1.5/2."""
+    value, _, _ = bootstrapped(probability_of_improvement, [[0.1, 0.2], [0.5, 0.6], [0.15, 0.2], [0.5, 0.5]])
+    assert value == pytest.approx((1.5 / 4 + 1.5 / 2) / 2)
+
+
+@pytest.mark.parametrize(
+    ("statistic", "games"),
+    [(probability_of_improvement, [[0, 1, 1, 1, 1], [0.5, 0.5]]), (performance_profile, [[0, 1, 1, 1, 1]])],
+)
+def test_intervals_are_those_of_redrawn_runs(statistic, games) -> None:
+    """One run of five scores 0: of five redrawn ones more than three do in 0.7 %, more than two in 5.8 %."""
+    value, low, high = (
+        float(np.atleast_1d(end)[-1 if len(games) > 1 else 50]) for end in bootstrapped(statistic, games)
+    )
+    assert (value, low, high) == (pytest.approx(0.8), pytest.approx(0.4), pytest.approx(1.0))

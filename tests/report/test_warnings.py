@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from apil_core.studies.report.models import Endings
+from apil_core.studies.report.models import Endings, Warning
+from apil_core.studies.report.report_data import placed
 from apil_core.studies.report.table_models import Setting
 from apil_core.studies.report.warnings import tie_meaning
 from apil_core.studies.report.words import amount, budget_mark
@@ -64,3 +65,11 @@ def test_a_short_budget_is_marked_with_its_share(steps: int, mark: str) -> None:
 def test_amounts_are_short() -> None:
     assert [amount(n) for n in (35_000_000, 1_500_000, 300_000, 512)] == ["35 M", "1.5 M", "300 k", "512"]
     assert [amount(n) for n in (999_600, 1_234_000_000)] == ["1 M", "1234 M"]
+
+
+def test_a_warning_of_two_settings_is_given_once_and_one_of_a_cell_names_its_setting() -> None:
+    settings = [Setting(id="s1", label="1 M steps"), Setting(id="s2", label="2 M steps")]
+    loud = [Warning(kind="settings", loud=True, text="Options.", setting=each.id) for each in settings]
+    cells = [Warning(kind="ties", loud=False, text="Ties.", setting=each.id) for each in settings]
+    texts = [warning.text for warning in placed([*loud, *cells], settings)]
+    assert texts == ["Options.", "1 M steps: Ties.", "2 M steps: Ties."]

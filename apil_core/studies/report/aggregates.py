@@ -1,51 +1,109 @@
-"""Methods over all games: interquartile means with stratified bootstrap intervals (Agarwal et al. 2021)."""
+"""Methods over games and seeds (Agarwal et al. 2021): interquartile means, profiles, improvements."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Literal
+from collections.abc import Iterator, Mapping, Sequence
 
-from apil_core.studies.report.statistics import ENOUGH_SEEDS, interquartile_mean, stratified_interval
-from apil_core.studies.report.table_models import Aggregate, Cell, Table
+from apil_core.studies.report.statistics import (
+    ENOUGH_SEEDS,
+    bootstrapped,
+    interquartile_mean,
+    performance_profile,
+    probability_of_improvement,
+)
+from apil_core.studies.report.table_models import Aggregate, Cell, Improvement, Metric, Profile, Table
 from apil_core.studies.report.words import several
 
-Metric = Literal["win", "win_or_tie"]
-METRICS: tuple[Metric, ...] = ("win", "win_or_tie")
+Columns = Mapping[str, Sequence[Cell]]
+"""Cells of each column, one per game."""
 
 
 def aggregates(tables: Sequence[Table]) -> list[Aggregate]:
-    """Aggregate every setting's table 1, over the games in which all columns were measured (at least two)."""
-    return [found for table in tables if table.number == 1 for found in _of(table)]
+    """Interquartile mean of every column of every setting."""
+    found = []
+    for setting, metric, columns in _over_games(tables):
+        for column, cells in columns.items():
+            value, low, high = bootstrapped(interquartile_mean, _scores(cells, metric))
+            seeds = min(each.seeds for each in cells)
+            found.append(
+                Aggregate(
+                    setting=setting,
+                    column=column,
+                    metric=metric,
+                    iqm=float(value),
+                    low=None if low is None else float(low),
+                    high=None if high is None else float(high),
+                    games=[each.game for each in cells],
+                    seeds=seeds,
+                    note=_note(seeds, _trained(cells)),
+                )
+            )
+    return found
 
 
-def _of(table: Table) -> Iterator[Aggregate]:
-    present = {each.column for row in table.rows for each in row if each.scores and not each.replayed}
-    rows = [row for row in table.rows if present <= {each.column for each in row if each.scores}]
-    if len(rows) < 2:
-        return
-    for place, column in enumerate(table.columns):
-        if column in present:
-            for metric in METRICS:
-                yield _aggregate(table.setting, column, metric, [row[place] for row in rows])
+def profiles(tables: Sequence[Table]) -> list[Profile]:
+    """Performance profile of every column with at least two runs in each game."""
+    return [
+        Profile(
+            setting=setting, column=column, metric=metric, runs=_runs(cells), value=value, low=low, high=high
+        )
+        for setting, metric, columns in _over_games(tables)
+        for column, cells in columns.items()
+        if _several(cells)
+        for value, low, high in [bootstrapped(performance_profile, _scores(cells, metric))]
+    ]
 
 
-def _aggregate(setting: str, column: str, metric: Metric, cells: Sequence[Cell]) -> Aggregate:
-    figures = (each.win if metric == "win" else each.win_or_tie for each in cells)
-    by_game = [figure.measured.per_seed for figure in figures if figure.measured is not None]
-    interval = stratified_interval(by_game)
-    seeds = min(each.seeds for each in cells)
-    trained = any(score.steps is not None for each in cells for score in each.scores)
-    return Aggregate(
-        setting=setting,
-        column=column,
-        metric=metric,
-        iqm=interquartile_mean([value for values in by_game for value in values]),
-        low=None if interval is None else interval[0],
-        high=None if interval is None else interval[1],
-        games=[each.game for each in cells],
-        seeds=seeds,
-        note=_note(seeds, trained),
-    )
+def improvements(tables: Sequence[Table]) -> list[Improvement]:
+    """Probability of improvement of such a column over every one before it; one fixed agent is one run."""
+    found = []
+    for setting, metric, columns in _over_games(tables):
+        names = [name for name, cells in columns.items() if _several(cells) or not _trained(cells)]
+        for place, column in enumerate(names):
+            for base in names[:place] if _several(columns[column]) else ():
+                own, other = columns[column], columns[base]
+                scores = [
+                    *_scores(own, metric),
+                    *(one if len(one) > 1 else one * 2 for one in _scores(other, metric)),
+                ]
+                value, low, high = bootstrapped(probability_of_improvement, scores)
+                runs = {"runs": _runs(own), "base_runs": _runs(other)}
+                ends = {"value": value, "low": low, "high": high}
+                found.append(
+                    Improvement(setting=setting, column=column, base=base, metric=metric, **runs, **ends)
+                )
+    return found
+
+
+def _over_games(tables: Sequence[Table]) -> Iterator[tuple[str, Metric, Columns]]:
+    """Every setting's table 1, over the games in which all columns were measured: two, or two runs of one."""
+    for table in tables:
+        present = {c.column for row in table.rows for c in row if c.scores and not c.replayed}
+        rows = [row for row in table.rows if present <= {each.column for each in row if each.scores}]
+        if table.number == 1 and (len(rows) > 1 or any(each.seeds > 1 for row in rows for each in row)):
+            columns = {
+                column: [row[place] for row in rows]
+                for place, column in enumerate(table.columns)
+                if column in present
+            }
+            yield table.setting, "win", columns
+            yield table.setting, "win_or_tie", columns
+
+
+def _scores(cells: Sequence[Cell], metric: Metric) -> list[list[float]]:
+    return [share.per_seed for each in cells if (share := each.share(metric)) is not None]
+
+
+def _several(cells: Sequence[Cell]) -> bool:
+    return min(each.seeds for each in cells) > 1
+
+
+def _trained(cells: Sequence[Cell]) -> bool:
+    return any(score.steps is not None for each in cells for score in each.scores)
+
+
+def _runs(cells: Sequence[Cell]) -> int:
+    return sum(each.seeds for each in cells)
 
 
 def _note(seeds: int, trained: bool) -> str:

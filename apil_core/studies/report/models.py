@@ -12,7 +12,16 @@ from apil_core.evaluation.crossplay.document import CrossPlay
 from apil_core.studies.activations.models import ActivationMap
 from apil_core.studies.curves.curves import Line
 from apil_core.studies.curves.groups import CurveGroup
-from apil_core.studies.report.table_models import Aggregate, Cell, MethodDifference, Setting, Table, Verdict
+from apil_core.studies.report.table_models import (
+    Aggregate,
+    Cell,
+    Improvement,
+    MethodDifference,
+    Profile,
+    Setting,
+    Table,
+    Verdict,
+)
 
 Truth = Literal["holds", "does not hold", "cannot be told"]
 """Verdict on a claim."""
@@ -235,6 +244,8 @@ class ReportData(BaseModel):
     tables: list[Table]
     differences: list[MethodDifference]
     aggregates: list[Aggregate]
+    profiles: list[Profile]
+    improvements: list[Improvement]
     curves: list[CurvePanel]
     retraining: list[RetrainingCurve]
     ablations: list[Ablation]

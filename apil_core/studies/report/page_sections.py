@@ -11,11 +11,17 @@ from apil_core.studies.curves.captions import bands
 from apil_core.studies.report.figures.activations import activation_plots
 from apil_core.studies.report.figures.crossplay import crossplay_maps
 from apil_core.studies.report.figures.curves import diagnostic_plots, learning_curves, retraining_curves
-from apil_core.studies.report.figures.dots import ablation_dots, aggregate_dots
+from apil_core.studies.report.figures.dots import (
+    ablation_dots,
+    aggregate_dots,
+    improvement_dots,
+    profile_plots,
+)
 from apil_core.studies.report.figures.endings import SEEING, ending_bars
 from apil_core.studies.report.figures.plot import Plot
 from apil_core.studies.report.models import ReportData
-from apil_core.studies.report.page_tables import TableView, table_views
+from apil_core.studies.report.page_tables import Copy, TableView, table_views
+from apil_core.studies.report.tables import table_texts
 
 Options = Sequence[tuple[str, str]]
 """Value and label of each choice; values are joined by ``|``, the empty one means all."""
@@ -32,6 +38,11 @@ _BOTH: Options = (
     ("win|win_or_tie", "both"),
     ("win", "win"),
     ("win_or_tie", "win or tie"),
+)
+_PROFILES = (
+    "Performance profile: share of runs that score above a value. Probability of improvement: that of a run "
+    "scoring higher than a run of the other method in the same game, 50 % if they are alike. "
+    "Bands and bars: 95 % intervals from runs redrawn within their game."
 )
 _EVERY: Options = (*_BOTH, ("return", "return"), ("imitator", "imitator’s error"), ("", "all"))
 
@@ -64,6 +75,7 @@ class Section:
     intro: str = ""
     plots: Sequence[Plot] = ()
     views: Sequence[TableView] = ()
+    copies: Sequence[Copy] = ()
     legend: Sequence[str] = ()
     chosen: Mapping[str, Options] = field(default_factory=dict)
 
@@ -84,13 +96,14 @@ class Section:
 def sections(data: ReportData, pens: Mapping[str, Pen]) -> list[Section]:
     """The sections that have data."""
     settings = {setting.id: setting.label for setting in data.settings}
-    views = table_views(data)
+    texts = table_texts(data)
+    views = table_views(data, texts)
     first = [view for view in views if view.table.number == 1]
     found = [
         Section("results", "Results", "tables", views=first),
         *_curves(data, pens, settings),
         Section("tables", "Further tables", "tables", views=[view for view in views if view not in first]),
-        *_scores(data, pens, settings),
+        *_scores(data, pens, settings, texts),
         *_analysis(data, pens, settings),
         Section(
             "claims",
@@ -129,15 +142,27 @@ def _curves(data: ReportData, pens: Mapping[str, Pen], settings: dict[str, str])
     ]
 
 
-def _scores(data: ReportData, pens: Mapping[str, Pen], settings: dict[str, str]) -> list[Section]:
+def _scores(
+    data: ReportData, pens: Mapping[str, Pen], settings: dict[str, str], texts: Mapping[str, str]
+) -> list[Section]:
+    shown = _if_several(data.aggregates, settings)
+    files = [file for file in texts if file.startswith(("aggregates", "profiles", "improvements"))]
     seen = {t.id: f"blinded: {t.blind}" if t.blind else SEEING for t in data.tables}
     return [
         Section(
             "aggregates",
-            "Over all games",
+            "Over games and seeds",
             "aggregates",
-            intro="The interquartile mean leaves out the lowest and the highest quarter of the scores.",
-            plots=aggregate_dots(data.aggregates, pens, _if_several(data.aggregates, settings)),
+            intro="The interquartile mean leaves out the lowest and the highest quarter of the scores. "
+            + _PROFILES * bool(data.profiles),
+            plots=[
+                *aggregate_dots(data.aggregates, pens, shown),
+                *profile_plots(data.profiles, pens, shown),
+                *improvement_dots(data.improvements, pens, shown),
+            ],
+            copies=[Copy(file, texts[file]) for file in files],
+            legend=list(dict.fromkeys(each.column for each in data.profiles)),
+            chosen=_setting_first(settings) | {"measure": _BOTH},
         ),
         Section(
             "endings",

@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from apil_core.studies.report.latex import latex_table
 from apil_core.studies.report.models import ReportData
 from apil_core.studies.report.table_models import Cell, MethodDifference, Setting, Table
-from apil_core.studies.report.tables import csv_text, table_rows
 from apil_core.studies.report.words import amount
 
 
 @dataclass(frozen=True)
 class Copy:
-    """The text of a table, to be copied or saved."""
+    """The text of a table, to be copied or saved as a file."""
 
-    key: str
-    name: str
     file: str
     text: str
+
+    @property
+    def key(self) -> str:
+        """Id of its element."""
+        return f"copy-{self.file.replace('.', '-')}"
+
+    @property
+    def name(self) -> str:
+        """Its format."""
+        return "CSV" if self.file.endswith(".csv") else "LaTeX"
 
 
 @dataclass(frozen=True)
@@ -64,8 +70,8 @@ class TableView:
         return ", ".join(amount(steps) for steps in found) or "–"
 
 
-def table_views(data: ReportData) -> list[TableView]:
-    """All tables by number, each number's main setting first."""
+def table_views(data: ReportData, texts: Mapping[str, str]) -> list[TableView]:
+    """All tables by number, each number's main setting first; ``texts`` of their files by name."""
     order = [setting.id for setting in data.settings]
     views: list[TableView] = []
     for table in sorted(data.tables, key=lambda table: (table.number, order.index(table.setting))):
@@ -75,10 +81,7 @@ def table_views(data: ReportData) -> list[TableView]:
                 setting=data.setting(table.setting),
                 first=not any(view.table.number == table.number for view in views),
                 differences=[d for d in data.differences if d.table == table.id],
-                copies=[
-                    Copy(f"copy-{table.id}-tex", "LaTeX", f"{table.id}.tex", latex_table(data, table)),
-                    Copy(f"copy-{table.id}-csv", "CSV", f"{table.id}.csv", csv_text(table_rows(data, table))),
-                ],
+                copies=[Copy(file, texts[file]) for file in (f"{table.id}.tex", f"{table.id}.csv")],
             )
         )
     return views

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from apil_core.studies.report import other_results, retrained_tables, warnings
 from apil_core.studies.report.ablations import ablations
-from apil_core.studies.report.aggregates import aggregates
+from apil_core.studies.report.aggregates import aggregates, improvements, profiles
 from apil_core.studies.report.attack_tables import attack_tables, columns_of, endings, method_differences
 from apil_core.studies.report.claims import claims
 from apil_core.studies.report.grouping import group
@@ -59,6 +59,8 @@ def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
         tables=tables,
         differences=differences,
         aggregates=aggregates(attacks),
+        profiles=profiles(attacks),
+        improvements=improvements(attacks),
         curves=panels,
         retraining=other_results.retraining_curves(sources),
         ablations=ablations(groups, named, logged),
@@ -68,22 +70,22 @@ def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
         snapshots=other_results.snapshots(sources),
         diagnostics=logged,
         claims=claims(tables, all_settings),
-        warnings=sorted(_placed(found, all_settings), key=lambda warning: not warning.loud),
+        warnings=sorted(placed(found, all_settings), key=lambda warning: not warning.loud),
         unfinished=missing,
         provenance=origin,
     )
 
 
-def _placed(warnings: Sequence[Warning], settings: Sequence[Setting]) -> list[Warning]:
-    """Add the setting's description where warnings concern cells of several."""
+def placed(warnings: Sequence[Warning], settings: Sequence[Setting]) -> list[Warning]:
+    """Each text once, with the setting's description where warnings concern cells of several."""
     cells = {warning.setting for warning in warnings if not warning.loud} - {None}
     labels = {setting.id: setting.label for setting in settings if len(cells) > 1}
-    return [
-        warning
-        if warning.loud or warning.setting not in labels
-        else warning.model_copy(update={"text": f"{labels[warning.setting]}: {warning.text}"})
-        for warning in warnings
-    ]
+    found: dict[str, Warning] = {}
+    for warning in warnings:
+        placed = not warning.loud and warning.setting in labels
+        text = f"{labels[str(warning.setting)]}: {warning.text}" if placed else warning.text
+        found.setdefault(text, warning.model_copy(update={"text": text}))
+    return list(found.values())
 
 
 def _games(sources: Sources) -> list[str]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -69,40 +70,71 @@ def verdict(difference: Difference) -> Verdict:
     return "higher" if difference.value > 0 else "lower"
 
 
-def interquartile_mean(values: Sequence[float]) -> float:
-    """Mean of the middle half (25 % cut off at either end), Agarwal et al. 2021."""
+THRESHOLDS = [i / 100 for i in range(101)]
+"""Scores at which performance profiles are given."""
+
+Statistic = Callable[..., Any]
+"""Of arrays (..., runs), one per game; returns (..., n), or (n,) of scalars."""
+
+
+def interquartile_mean(*games: np.ndarray, axis: int = -1) -> np.ndarray:
+    """Mean of the middle half of all runs' scores (25 % cut off at either end), Agarwal et al. 2021."""
     from scipy.stats import trim_mean
 
-    return float(trim_mean(values, 0.25))
+    return np.asarray(trim_mean(np.concatenate(games, axis=axis), 0.25, axis=axis))
 
 
-def stratified_interval(by_game: Sequence[Sequence[float]], seed: int = 0) -> tuple[float, float] | None:
-    """95 % percentile bootstrap interval of the interquartile mean over games and seeds.
+def performance_profile(*games: np.ndarray, axis: int = -1) -> np.ndarray:
+    """Share of runs with a score above each of :data:`THRESHOLDS`, mean over games (Agarwal et al. 2021).
+
+    Returns:
+        (thresholds, ...): the "run-score distribution".
+    """
+    return np.mean([[(scores > t).mean(axis) for t in THRESHOLDS] for scores in games], axis=0)
+
+
+def probability_of_improvement(*games: np.ndarray, axis: int = -1) -> np.ndarray:
+    """Probability that a run scores higher than one of another method in the same game, equal scores half.
+
+    Mean over games of the Mann-Whitney statistic (Agarwal et al. 2021).
+
+    Args:
+        games: one method's scores in each game, then the other's in the same games.
+        axis: of runs, the last.
+    """
+    pairs = zip(games[: len(games) // 2], games[len(games) // 2 :], strict=True)
+    signs = [np.sign(own[..., :, None] - other[..., None, :]).mean((-2, -1)) for own, other in pairs]
+    return 0.5 + 0.5 * np.mean(signs, axis=0)
+
+
+def bootstrapped(
+    statistic: Statistic, by_game: Sequence[Sequence[float]], seed: int = 0
+) -> tuple[Any, Any, Any]:
+    """Value of a statistic with its 95 % percentile bootstrap interval over seeds.
 
     Seeds are redrawn within each game, games are kept (Agarwal et al. 2021).
 
     Args:
-        by_game: shares of each game, one per seed.
+        statistic: one of the above.
+        by_game: scores of each game, one per run.
         seed: of the redrawing.
 
     Returns:
-        ``None`` if a game has fewer than two seeds: nothing could be redrawn.
+        Value, low, high; the latter two are ``None`` if a game has fewer than two runs.
     """
-    from scipy.stats import bootstrap, trim_mean
+    from scipy.stats import bootstrap
 
-    if min(map(len, by_game), default=0) < 2:
-        return None
-
-    def statistic(*samples: np.ndarray, axis: int = -1) -> np.ndarray:
-        return np.asarray(trim_mean(np.concatenate(samples, axis=axis), 0.25, axis=axis))
-
+    games = [np.asarray(scores) for scores in by_game]
+    value = statistic(*games)
+    if min(map(len, games)) < 2:
+        return value, None, None
     drawn = bootstrap(
-        [np.asarray(values) for values in by_game],
+        games,
         statistic,
         n_resamples=_RESAMPLES,
+        batch=1000,  # pairs of many runs would need gigabytes at once
         vectorized=True,
         method="percentile",
         rng=np.random.default_rng(seed),
     )
-    low, high = drawn.confidence_interval
-    return float(low), float(high)
+    return value, *drawn.confidence_interval

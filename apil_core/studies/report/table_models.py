@@ -13,6 +13,9 @@ from apil_core.studies.report.words import budget_mark
 Verdict = Literal["within noise", "higher", "lower", "no published value", "not measured"]
 """Sign of the difference of two shares; ``within noise`` means that it could be chance."""
 
+Metric = Literal["win", "win_or_tie"]
+"""Share of games: those won, or those won or tied."""
+
 Side = Literal["adversary", "victim"]
 """Side whose wins a share counts."""
 
@@ -138,6 +141,10 @@ class Cell(BaseModel):
     marks: list[str] = []
     replayed: str = ""
 
+    def share(self, metric: Metric) -> Share | None:
+        """The measured share."""
+        return (self.win if metric == "win" else self.win_or_tie).measured
+
     @property
     def episodes(self) -> int:
         """Games of all seeds."""
@@ -191,7 +198,6 @@ class Aggregate(BaseModel):
     """A method over all games of a setting.
 
     Attributes:
-        metric: ``"win"`` or ``"win_or_tie"``.
         iqm: interquartile mean over games and seeds.
         low, high: 95 % stratified bootstrap interval (seeds redrawn within each game); ``None`` with fewer
             than two seeds in a game.
@@ -201,10 +207,48 @@ class Aggregate(BaseModel):
 
     setting: str
     column: str
-    metric: Literal["win", "win_or_tie"]
+    metric: Metric
     iqm: float
     low: float | None
     high: float | None
     games: list[str]
     seeds: int
     note: str
+
+
+class Profile(BaseModel):
+    """Performance profile of a method over all games of a setting.
+
+    Attributes:
+        runs: behind it, at least two in each game.
+        value: share of runs with a score above 0, 1, … 100 %, mean over games.
+        low, high: pointwise 95 % stratified bootstrap interval.
+    """
+
+    setting: str
+    column: str
+    metric: Metric
+    runs: int
+    value: list[float]
+    low: list[float]
+    high: list[float]
+
+
+class Improvement(BaseModel):
+    """Probability that a run of ``column`` scores higher than one of ``base`` in the same game.
+
+    Attributes:
+        runs, base_runs: behind it, at least two in each game; one in each of a fixed agent.
+        value: mean over games; equal scores count half.
+        low, high: 95 % stratified bootstrap interval.
+    """
+
+    setting: str
+    column: str
+    base: str
+    metric: Metric
+    runs: int
+    base_runs: int
+    value: float
+    low: float
+    high: float

@@ -13,8 +13,9 @@ from apil_core.common.files import write_atomically
 from apil_core.common.visible import visible
 from apil_core.evaluation.crossplay.document import CrossPlay
 from apil_core.studies.report.figures.crossplay import setting_of
-from apil_core.studies.report.latex import latex_table
+from apil_core.studies.report.latex import latex_aggregates, latex_table
 from apil_core.studies.report.models import ReportData
+from apil_core.studies.report.statistics import THRESHOLDS
 from apil_core.studies.report.table_models import Cell, Figure, Table
 
 Row = Mapping[str, Any]
@@ -37,13 +38,20 @@ def write_tables(data: ReportData, directory: Path) -> list[Path]:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RunDirError(f"cannot make {directory}: {error.strerror}") from error
+    return [_write(directory / name, text) for name, text in table_texts(data).items()]
+
+
+def table_texts(data: ReportData) -> dict[str, str]:
+    """Text of every table by file name."""
     texts: dict[str, str] = {}
     for table in data.tables:
-        texts[f"{table.id}.csv"] = csv_text(table_rows(data, table))
         texts[f"{table.id}.tex"] = latex_table(data, table)
+        texts[f"{table.id}.csv"] = csv_text(table_rows(data, table))
+    for setting in data.settings:
+        if any(each.setting == setting.id for each in data.aggregates):
+            texts[f"aggregates-{setting.id}.tex"] = latex_aggregates(data, setting)
     lists = {name: list(rows) for name, rows in _lists(data).items()}
-    texts |= {f"{name}.csv": csv_text(rows) for name, rows in lists.items() if rows}
-    return [_write(directory / name, text) for name, text in texts.items()]
+    return texts | {f"{name}.csv": csv_text(rows) for name, rows in lists.items() if rows}
 
 
 def _write(path: Path, text: str) -> Path:
@@ -125,7 +133,7 @@ def _joined(values: Iterable[Any]) -> str:
 def _lists(data: ReportData) -> dict[str, Iterable[Row]]:
     labels = {setting.id: setting.label for setting in data.settings}
 
-    def flat(entries: Sequence[Any], **drop: bool) -> Iterable[Row]:
+    def flat(entries: Sequence[Any], *drop: str) -> Iterable[Row]:
         for entry in entries:
             row = {k: v for k, v in entry.model_dump(mode="json").items() if k not in drop}
             if "setting" in row:
@@ -135,6 +143,12 @@ def _lists(data: ReportData) -> dict[str, Iterable[Row]]:
     return {
         "differences": flat(data.differences),
         "aggregates": flat(data.aggregates),
+        "profiles": (
+            {**row, "score_above": threshold, **dict(zip(("value", "low", "high"), ends, strict=True))}
+            for each, row in zip(data.profiles, flat(data.profiles, "value", "low", "high"), strict=True)
+            for threshold, *ends in zip(THRESHOLDS, each.value, each.low, each.high, strict=True)
+        ),
+        "improvements": flat(data.improvements),
         "endings": flat(data.endings),
         "ablations": (row for ablation in data.ablations for row in _ablation_rows(ablation, labels)),
         "crossplay": (row for matrix in data.crossplay for row in _crossplay_rows(matrix)),
