@@ -19,7 +19,7 @@ from apil_envs.robot import Robot
 from apil_envs.scene import TOUCH, Scene, build_scene
 from apil_envs.stopwatch import BatchStopwatch
 
-NOT_OVER = -1
+GOES_ON = -1
 """Value of :attr:`Verdict.cause` until a game ends."""
 
 START_NOISE = 0.1
@@ -34,7 +34,7 @@ class Verdict:
     """Decision of the rules about every game after a step.
 
     Attributes:
-        cause: (n,) int8, index into the game's causes, or :data:`NOT_OVER`.
+        cause: (n,) int8, index into the game's causes, or :data:`GOES_ON`.
         winner: (n,) int8, 0, 1 or ``NO_WINNER``.
         sparse: outcome reward per side, (2, n).
     """
@@ -246,7 +246,7 @@ class MujocoGame(Game):
         dense, shaping = self.move_rewards(centre - self._centre_before, verdict)
         np.copyto(self._centre_before, centre, where=playing[:, None])
         counts = playing & ~diverged
-        done = counts & (verdict.cause != NOT_OVER) | diverged
+        done = counts & (verdict.cause != GOES_ON) | diverged
         cause = np.where(diverged, np.int8(len(self.causes) - 1), verdict.cause)
         return GameStep(
             sparse=np.where(counts, verdict.sparse, 0).astype(np.float32),
@@ -254,7 +254,7 @@ class MujocoGame(Game):
             shaping=np.where(counts, shaping, 0).astype(np.float32),
             done=done,
             winner=np.where(done & ~diverged, verdict.winner, np.int8(NO_WINNER)),
-            cause=np.where(done, cause, np.int8(NOT_OVER)),
+            cause=np.where(done, cause, np.int8(GOES_ON)),
             lengths=self.clock.copy(),
         )
 

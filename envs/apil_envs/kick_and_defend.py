@@ -7,7 +7,7 @@ import numpy as np
 from apil_core import NO_WINNER
 from apil_envs import moves
 from apil_envs.arrays import Array
-from apil_envs.game_base import DIVERGED, NOT_OVER, MujocoGame, Verdict
+from apil_envs.game_base import DIVERGED, GOES_ON, MujocoGame, Verdict
 from apil_envs.observe import Block, copied, distance_to, relative
 from apil_envs.options import KickAndDefendOptions
 from apil_envs.robot import Ball
@@ -56,7 +56,7 @@ def decide(
         time_up,
         np.abs(GOAL_X - keeper_x) > 2.5,
     ]
-    cause = np.select(endings, range(len(endings)), NOT_OVER).astype(np.int8)
+    cause = np.select(endings, range(len(endings)), GOES_ON).astype(np.int8)
     scored, left = cause == GOAL, cause == LEFT_GOAL
     saved = (cause > GOAL) & ~left
     winner = np.select([scored, saved], [KICKER, KEEPER], NO_WINNER).astype(np.int8)
@@ -135,7 +135,7 @@ class KickAndDefend(MujocoGame):
                 moves.survive(guarding) - costs[KEEPER],
             ]
         )
-        to_goal = np.abs(self.ball.position[:, 0] - GOAL_X) * (verdict.cause == NOT_OVER)
+        to_goal = np.abs(self.ball.position[:, 0] - GOAL_X) * (verdict.cause == GOES_ON)
         return dense, dense + np.stack([-to_goal, to_goal])
 
     def rule_state(self) -> dict[str, Array]:

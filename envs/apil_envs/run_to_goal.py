@@ -9,7 +9,7 @@ import numpy as np
 from apil_core import NO_WINNER
 from apil_envs import moves
 from apil_envs.arrays import Array
-from apil_envs.game_base import DIVERGED, NOT_OVER, MujocoGame, Verdict
+from apil_envs.game_base import DIVERGED, GOES_ON, MujocoGame, Verdict
 from apil_envs.observe import Block
 from apil_envs.options import RunToGoalAntsOptions, RunToGoalHumansOptions
 from apil_envs.senses import CONTACT_BOUND, ant_blocks, duel_blocks, humanoid_blocks
@@ -33,7 +33,7 @@ def decide(centres: Array, down: Array, time_up: Array) -> Verdict:
     arrived = np.stack([centres[0] > GOALS[0], centres[1] < GOALS[1]])
     alone = arrived & ~arrived[::-1]
     endings = [alone[0], alone[1], arrived.all(0), down.all(0), time_up]
-    cause = np.select(endings, range(len(endings)), NOT_OVER).astype(np.int8)
+    cause = np.select(endings, range(len(endings)), GOES_ON).astype(np.int8)
     winner = np.select(list(alone), [0, 1], NO_WINNER).astype(np.int8)
     return Verdict(cause, winner, PRIZE * alone - PRIZE * alone[::-1])
 

@@ -9,7 +9,7 @@ import numpy as np
 from apil_core import NO_WINNER
 from apil_envs import moves
 from apil_envs.arrays import Array, Rows
-from apil_envs.game_base import DIVERGED, NOT_OVER, MujocoGame, Verdict
+from apil_envs.game_base import DIVERGED, GOES_ON, MujocoGame, Verdict
 from apil_envs.observe import Block, computed, copied, distance_to, relative
 from apil_envs.options import SumoOptions
 from apil_envs.robot import Robot
@@ -62,8 +62,8 @@ def decide(
     lost = np.where(fell, down, out)
     one, both = lost.any(0), lost.all(0)
     who = np.where(both, 2, np.where(lost[0], 0, 1))
-    cause = np.select([one, time_up], [np.where(fell, FELL, LEFT_RING) + who, TIME_UP], NOT_OVER)
-    cause = np.where((cause != NOT_OVER) & ~touched, _UNTOUCHED[cause], cause).astype(np.int8)
+    cause = np.select([one, time_up], [np.where(fell, FELL, LEFT_RING) + who, TIME_UP], GOES_ON)
+    cause = np.where((cause != GOES_ON) & ~touched, _UNTOUCHED[cause], cause).astype(np.int8)
     winner = np.where(one & ~both & touched, 1 - who, NO_WINNER).astype(np.int8)
     other = np.where(touched, PRIZE, untouched_reward)
     sparse = np.where(lost | (time_up & ~one), -PRIZE, np.where(one, other, 0.0))

@@ -7,7 +7,7 @@ import numpy as np
 from apil_core import NO_WINNER
 from apil_envs import moves
 from apil_envs.arrays import Array
-from apil_envs.game_base import DIVERGED, NOT_OVER, MujocoGame, Verdict
+from apil_envs.game_base import DIVERGED, GOES_ON, MujocoGame, Verdict
 from apil_envs.observe import Block
 from apil_envs.options import YouShallNotPassOptions
 from apil_envs.senses import duel_blocks, humanoid_blocks
@@ -30,7 +30,7 @@ def decide(runner_x: Array, heights: Array, time_up: Array) -> Verdict:
         time_up: (n,) bool.
     """
     endings = [runner_x < GOAL_X, heights[RUNNER] <= DOWN, time_up]
-    cause = np.select(endings, range(len(endings)), NOT_OVER).astype(np.int8)
+    cause = np.select(endings, range(len(endings)), GOES_ON).astype(np.int8)
     passed, down, late = (cause == ending for ending in (PASSED, RUNNER_DOWN, TIME_UP))
     winner = np.select([passed, down | late], [RUNNER, BLOCKER], NO_WINNER).astype(np.int8)
     # a blocker that is down itself, or only waited, wins without a reward

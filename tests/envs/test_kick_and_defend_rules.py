@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from apil_core import NO_WINNER, GameStep
-from apil_envs.game_base import NOT_OVER
+from apil_envs.game_base import GOES_ON
 from apil_envs.kick_and_defend import (
     CAUSES,
     KEEPER,
@@ -185,7 +185,7 @@ def test_rewards_agree_with_winner_and_cause(ball, velocity, heights, keeper_x, 
     elif verdict.winner[0] == KEEPER:
         assert kicker == -1000
         assert keeper == 1000 + 500 * touch + 500 * (heights[1] > 0.8)
-    elif cause == NOT_OVER:
+    elif cause == GOES_ON:
         assert kicker == keeper == 0
         assert not time_up
         assert ball[0] <= 4

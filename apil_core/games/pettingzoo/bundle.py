@@ -25,7 +25,7 @@ from apil_core.games.pettingzoo.spaces import Seat
 
 CAUSES = ("terminated", "truncated", "time-up", "diverged")
 TERMINATED, TRUNCATED, TIME_UP, DIVERGED = range(4)
-NOT_OVER = -1
+GOES_ON = -1
 FLOAT32_MAX = float(np.finfo(np.float32).max)
 UNSAID = -2
 """Winner where no agent's info has the key ``"winner"``."""
@@ -72,7 +72,7 @@ class Bundle(gymnasium.Env[Any, Any]):
     def step(self, action: dict[str, Array]) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
         """Play one step of the games that are ``active``. The bundle itself never ends."""
         self._shown["reward"][:] = 0
-        self._shown["cause"][:] = NOT_OVER
+        self._shown["cause"][:] = GOES_ON
         self._shown["winner"][:] = NO_WINNER
         games = np.flatnonzero(action["active"])
         return self._shown, 0.0, False, False, self._tried(lambda: self._step(games, action))

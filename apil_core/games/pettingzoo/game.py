@@ -10,7 +10,7 @@ import numpy as np
 from apil_core.api.game import NO_WINNER, Array, Game, GameLayout, GameStep
 from apil_core.common.colours import Colour
 from apil_core.common.errors import ApilError, ConfigError, PluginError, failures, reason_of
-from apil_core.games.pettingzoo.bundle import CAUSES, DIVERGED, NOT_OVER, TIME_UP, UNSAID
+from apil_core.games.pettingzoo.bundle import CAUSES, DIVERGED, GOES_ON, TIME_UP, UNSAID
 from apil_core.games.pettingzoo.bundles import Bundles
 from apil_core.games.pettingzoo.history import History
 from apil_core.games.pettingzoo.maker import Maker, prints_to_stderr
@@ -211,10 +211,10 @@ class PettingZooGame(Game):
             self._take(self._bundles.step(self._history.at(time), playing), playing)
 
     def _score(self, shown: dict[str, Array], playing: Array) -> GameStep:
-        cause = np.where(playing, shown["cause"], np.int8(NOT_OVER))
-        late = playing & (cause == NOT_OVER) & (self._clock >= self.layout.max_steps)
+        cause = np.where(playing, shown["cause"], np.int8(GOES_ON))
+        late = playing & (cause == GOES_ON) & (self._clock >= self.layout.max_steps)
         cause[late] = TIME_UP
-        done = cause != NOT_OVER
+        done = cause != GOES_ON
         reward = np.where(playing, shown["reward"].T, 0.0)
         self._totals += reward
         winner = np.where(done & (cause != DIVERGED), self._winner(shown, done & ~late), np.int8(NO_WINNER))
