@@ -13,13 +13,7 @@ if TYPE_CHECKING:
 class Progress:
     """Base class and silent default: override the callbacks to show.
 
-    ``metrics`` of :meth:`iteration` hold (among the methods' own, ``<plugin>/<name>``):
-    ``iteration``, ``steps``, ``total_steps``, ``wall_seconds``, ``steps_per_second``,
-    ``collect_seconds``, ``update_seconds``, ``memory_mb`` (resident, of 10⁶ bytes), ``games`` (ended in this
-    iteration), ``games_total``, ``window_games``, ``window_wins``, ``window_ties``, ``window_losses`` (the
-    last 1000 ended games, adversary's view), ``window_cause/<name>`` (the same games), ``cause/<name>`` (of
-    this iteration), ``return/adversary``, ``return/victim`` (the game's reward, sparse and dense),
-    ``episode_length``, ``reward/<term>`` (training reward per step), ``ppo/<name>``.
+    ``metrics`` of :meth:`iteration`: docs/metrics.md.
     """
 
     def started(self, config: RunConfig, run_dir: Path, victim: str, steps_done: int) -> None:

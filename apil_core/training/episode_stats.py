@@ -58,7 +58,7 @@ class EpisodeStats:
         self._length[done] = 0
 
     def metrics(self) -> dict[str, float]:
-        """Metrics since the last call (see ``Progress``), and the running window."""
+        """Metrics since the last call (docs/metrics.md), and the running window."""
         ended = torch.cat(self._ended, dim=1) if self._ended else torch.zeros(3, 0)
         result: dict[str, float] = {
             "games": ended.shape[1],
