@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 import importlib
+import json
+import shlex
+from collections.abc import Mapping
+from importlib import metadata
 from types import ModuleType
+from typing import Any
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 from apil_core.common.errors import ApilError
 
@@ -40,4 +47,23 @@ def missing(module: str | None) -> ApilError | None:
     if module not in _EXTRAS:
         return None
     library, purpose, extra = _EXTRAS[module]
-    return ApilError(f"{purpose} need {library}: pip install 'apil[{extra}]'")
+    return ApilError(f"{purpose} need {library}: {install_command(extra)}")
+
+
+def install_command(extra: str) -> str:
+    """The command that adds one of APIL's extras to this installation, from where that was installed."""
+    try:
+        origin = json.loads(metadata.distribution("apil").read_text("direct_url.json") or "{}")
+    except (metadata.PackageNotFoundError, ValueError):
+        origin = {}
+    return _command(extra, origin)
+
+
+def _command(extra: str, origin: Mapping[str, Any]) -> str:
+    """The same for the content of pip's ``direct_url.json`` (PEP 610), empty for an index."""
+    url, wanted = origin.get("url", ""), f"apil[{extra}]"
+    if origin.get("dir_info", {}).get("editable"):
+        return f"pip install -e {shlex.quote(f'{url2pathname(urlsplit(url).path)}[{extra}]')}"
+    if made := origin.get("vcs_info"):
+        url = f"{made['vcs']}+{url}@{made['commit_id']}"
+    return f"pip install {shlex.quote(f'{wanted} @ {url}' if url else wanted)}"

@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 
 from apil_core.cli import main
+from apil_core.common.extras import install_command
 from apil_core.studies.bench.cells import resolve_matrix
 from apil_core.studies.bench.executor import LocalProcesses
 from apil_core.studies.bench.folder import BenchDir, score_path
@@ -302,7 +303,7 @@ def test_a_dry_run_of_a_half_done_benchmark(
 
     monkeypatch.setitem(sys.modules, "ray", None)  # not installed
     assert call(path, "--out", done.bench.path, "--dry-run", "--executor", "ray") == 2
-    assert capsys.readouterr().err == "apil: Ray clusters need ray: pip install 'apil[ray]'\n"
+    assert capsys.readouterr().err == f"apil: Ray clusters need ray: {install_command('ray')}\n"
     monkeypatch.setitem(sys.modules, "ray", ModuleType("ray"))  # how many workers is not known yet
     assert call(*words[:-3], "--executor", "ray", "--quiet") == 0
     assert "h on 1 worker if" in capsys.readouterr().out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -18,13 +19,14 @@ import psutil
 import pytest
 
 from apil_core import ApilError
+from apil_core.common.extras import install_command
 from apil_core.studies.bench.jobs import JobStatus, make_jobs
 from apil_core.studies.bench.ray_cluster import connect, slots
 from apil_core.studies.bench.ray_executor import RayExecutor, _work
 from apil_core.studies.bench.schedule import BenchResult, run_jobs
 from bench.small_matrix import made, outcome, process_of, rows_of, small_matrix, undisturbed, until
 
-pytest.importorskip("ray", reason="Ray is not installed (pip install 'apil[ray]')")
+pytest.importorskip("ray", reason="Ray is not installed (pip install -e '.[ray]')")
 os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
 
 TWO = small_matrix(methods=["adrl", "apl"], steps=40 * 512)
@@ -178,7 +180,7 @@ def test_no_cluster_there_is_told_quickly(tmp_path: Path, address: str, told: st
 
 def test_no_ray_is_told_with_its_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(ApilError, match=r"Ray clusters need ray: pip install 'apil\[ray\]'"):
+    with pytest.raises(ApilError, match=re.escape(f"Ray clusters need ray: {install_command('ray')}")):
         RayExecutor(tmp_path, None, 1, None)
 
 

@@ -13,7 +13,7 @@ from policies.foreign_files import Gaussian, Recurrent, save
 
 from cli.cli_helpers import Apil
 
-pytest.importorskip("onnxruntime", reason="needs the extra onnx: pip install 'apil[onnx]'")
+pytest.importorskip("onnxruntime", reason="needs the extra onnx: pip install -e '.[onnx]'")
 
 TOY = ("--env", "toy-pursuit")
 SHORT = (

@@ -85,14 +85,16 @@ def test_no_gpu_is_fine_and_one_is_named_with_what_we_know_of_it() -> None:
 
 
 def test_where_nothing_can_be_written(tmp_path: Path) -> None:
-    writable = machine.room("x", tmp_path / "a" / "b", "error", "move")
+    writable = machine.free_space("x", tmp_path / "a" / "b", "error", "move")
     assert writable.status == "ok"
     assert "GiB free" in writable.detail
     assert list(tmp_path.iterdir()) == []
-    refused = machine.room("x", Path("/proc/apil/runs"), "error", "move")  # not even root may write there
+    refused = machine.free_space(
+        "x", Path("/proc/apil/runs"), "error", "move"
+    )  # not even root may write there
     assert (refused.status, refused.remedy) == ("error", "move")
     assert "/proc/apil/runs cannot be written" in refused.detail
     (tmp_path / "file").touch()
-    blocked = machine.room("x", tmp_path / "file" / "runs", "warning", "move")
+    blocked = machine.free_space("x", tmp_path / "file" / "runs", "warning", "move")
     assert blocked.status == "warning"
     assert f"{tmp_path / 'file'} is a file" in blocked.detail

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from fractions import Fraction
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from PIL import Image
 
 from apil_core import ApilError
+from apil_core.common.extras import install_command
 from apil_core.evaluation.video.mp4 import Mp4Writer, check_mp4, pace
 
 
@@ -72,5 +74,5 @@ def test_what_cannot_be_written_is_said_before(name: str, size: tuple[int, int],
 
 def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(ApilError, match=r"videos need PyAV: pip install 'apil\[video\]'"):
+    with pytest.raises(ApilError, match=re.escape(f"videos need PyAV: {install_command('video')}")):
         check_mp4(Path("video.mp4"), 64, 48)

@@ -21,7 +21,7 @@ from policies.foreign_files import Gaussian, Plain, Recurrent, save, seat, view
 
 SUFFIXES = (".pt", ".pt2", ".onnx")
 
-pytest.importorskip("onnxruntime", reason="needs the extra onnx: pip install 'apil[onnx]'")
+pytest.importorskip("onnxruntime", reason="needs the extra onnx: pip install -e '.[onnx]'")
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)

@@ -32,7 +32,7 @@ from apil_core.policies.loading import load_victim
 from apil_core.training.storage.run_dir import RunDir
 from policies.foreign_files import seat, view
 
-sb3 = pytest.importorskip("stable_baselines3", reason="needs the extra sb3: pip install 'apil[sb3]'")
+sb3 = pytest.importorskip("stable_baselines3", reason="needs the extra sb3: pip install -e '.[sb3]'")
 
 try:
     import sb3_contrib

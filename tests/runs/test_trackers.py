@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import signal
 import sqlite3
 import struct
@@ -22,13 +23,16 @@ import pytest
 from helpers.small_runs import small_config
 
 from apil_core import ApilError, resume, run
+from apil_core.common.extras import install_command
 from apil_core.evaluation.progress import Progress
 from apil_core.runs.trackers import tracked
 from apil_core.training.storage.metrics_log import RowLog
 from apil_core.training.storage.recorders import JsonlRecorder, read_metrics
 from apil_core.training.storage.run_dir import RunDir
 
-needs_wandb = pytest.mark.skipif(find_spec("wandb") is None, reason="wandb is not installed: apil[wandb]")
+needs_wandb = pytest.mark.skipif(
+    find_spec("wandb") is None, reason="wandb is not installed: pip install -e '.[wandb]'"
+)
 needs_trackio = pytest.mark.skipif(find_spec("trackio") is None, reason="trackio is not installed")
 
 ITERATION = 512
@@ -281,7 +285,7 @@ def test_a_run_outlives_trackios_process(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("module", "name"), [("wandb", "Weights & Biases"), ("trackio", "Trackio")])
 def test_a_missing_library_is_one_line(module: str, name: str, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, module, None)
-    message = rf"^records in {name} need {module}: pip install 'apil\[{module}\]'$"
+    message = re.escape(f"records in {name} need {module}: {install_command(module)}")
     with pytest.raises(ApilError, match=message):
         run(config(module), out=tmp_path / "r")
     assert not (tmp_path / "r").exists()

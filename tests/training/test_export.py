@@ -25,7 +25,7 @@ from apil_core.training.export.run_policy import RunCheckpoint
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.run_dir import RunDir
 
-onnxruntime = pytest.importorskip("onnxruntime", reason="needs the extra onnx: pip install 'apil[onnx]'")
+onnxruntime = pytest.importorskip("onnxruntime", reason="needs the extra onnx: pip install -e '.[onnx]'")
 
 FORMATS = ("safetensors", "torchscript", "onnx")
 RUNS: dict[str, tuple[str, dict[str, Any], tuple[str, ...]]] = {

@@ -67,14 +67,17 @@ def test_the_bare_install_is_enough(place, arguments):
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (("play", "run", "--video", "game.mp4"), "videos need PyAV: pip install 'apil[video]'"),
-        ((*RUN, "--steps", "4k", "--out", "shown", "--show"), "need matplotlib: pip install 'apil[report]'"),
-        (("runs", "plot", "run"), "need matplotlib: pip install 'apil[report]'"),
-        (("tune", "adrl", "--env", "toy-pursuit"), "need optuna: pip install 'apil[tune]'"),
-        (("bench", "report", "run"), "need matplotlib: pip install 'apil[report]'"),
-        (("analyze", "activations", "run"), "need matplotlib: pip install 'apil[report]'"),
-        (("victims", "check", "onnx:no.onnx", "--env", "toy-pursuit"), "pip install 'apil[onnx]'"),
-        ((*RUN, "--set", "recorders=[jsonl,wandb]", "--out", "logged"), "pip install 'apil[wandb]'"),
+        (("play", "run", "--video", "game.mp4"), "videos need PyAV: pip install 'apil[video] @ file:"),
+        (
+            (*RUN, "--steps", "4k", "--out", "shown", "--show"),
+            "need matplotlib: pip install 'apil[report] @ file:",
+        ),
+        (("runs", "plot", "run"), "need matplotlib: pip install 'apil[report] @ file:"),
+        (("tune", "adrl", "--env", "toy-pursuit"), "need optuna: pip install 'apil[tune] @ file:"),
+        (("bench", "report", "run"), "need matplotlib: pip install 'apil[report] @ file:"),
+        (("analyze", "activations", "run"), "need matplotlib: pip install 'apil[report] @ file:"),
+        (("victims", "check", "onnx:no.onnx", "--env", "toy-pursuit"), "pip install 'apil[onnx] @ file:"),
+        ((*RUN, "--set", "recorders=[jsonl,wandb]", "--out", "logged"), "pip install 'apil[wandb] @ file:"),
     ],
     ids=lambda case: " ".join(case[:2]) if isinstance(case, tuple) else "",
 )

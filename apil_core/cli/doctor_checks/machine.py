@@ -17,6 +17,7 @@ from packaging.version import Version
 
 from apil_core.cli.doctor_checks import Finding, Scope, Status
 from apil_core.cli.doctor_checks.probes import TrialError, attempt
+from apil_core.common.extras import install_command
 from apil_core.common.files import why_unwritable
 from apil_core.common.machine import usable_cpus
 
@@ -98,7 +99,7 @@ def packages(scope: Scope) -> Iterator[Finding]:
         detail, remedy = f"here: {', '.join(map(str, optional)) or 'none'}", ""
         if missing:
             detail = f"not here (optional), misses {missing}"
-            remedy = f"pip install -c constraints.txt -e '.[{extra}]'"
+            remedy = install_command(extra)
         yield Finding(f"extra: {extra}", "ok", detail, remedy)
 
 
