@@ -17,6 +17,7 @@ from apil_core.studies.curves.curves import Curve, Line, ScorePoint
 from apil_core.studies.curves.groups import CurveGroup
 from apil_core.studies.report import models as m
 from apil_core.studies.report import table_models as t
+from apil_core.studies.report.cells import method_difference
 from apil_core.studies.report.statistics import compared, published_rate, share, verdict
 from report.sample import result
 
@@ -202,28 +203,8 @@ def _table(
 
 
 def _differences(table: t.Table, row: list[t.Cell]) -> list[t.MethodDifference]:
-    base = row[0]
-    found = []
-    for cell in row[1:]:
-        if cell.win.measured and cell.win_or_tie.measured and base.win.measured and base.win_or_tie.measured:
-            win, tie = (
-                compared(cell.win.measured, base.win.measured),
-                compared(cell.win_or_tie.measured, base.win_or_tie.measured),
-            )
-            found.append(
-                t.MethodDifference(
-                    table=table.id,
-                    setting=table.setting,
-                    game=cell.game,
-                    column=cell.column,
-                    base="baseline",
-                    win=win,
-                    win_or_tie=tie,
-                    win_verdict=verdict(win),
-                    win_or_tie_verdict=verdict(tie),
-                )
-            )
-    return found
+    named = {"table": table.id, "setting": table.setting}
+    return [method_difference(cell, row[0], **named) for cell in row[1:] if cell.scores]
 
 
 def _aggregate(column: str, metric: str) -> t.Aggregate:
@@ -317,22 +298,12 @@ def _retraining(game: str, method: str, rng: np.random.Generator) -> m.Retrainin
 
 
 def _ablation(rng: np.random.Generator) -> m.Ablation:
-    rows = []
+    rows: list[m.AblationRow] = []
     for i, value in enumerate(("imitator", "oracle", "noise", "none")):
         cell = _cell("kick-and-defend", "apil", 300 + 30 * i, 12, None)
-        base = rows[0].cell if rows else None
-        difference = compared(cell.win.measured, base.win.measured) if base else None
-        rows.append(
-            m.AblationRow(
-                value=value,
-                cell=cell,
-                win_difference=difference,
-                win_verdict=verdict(difference) if difference else None,
-                win_or_tie_difference=difference,
-                win_or_tie_verdict=verdict(difference) if difference else None,
-                imitator_error=0.8 if i == 0 else None,
-            )
-        )
+        row = m.AblationRow(value=value, cell=cell, imitator_error=0.8 if i == 0 else None)
+        row.difference = method_difference(cell, rows[0].cell, setting="s1") if rows else None
+        rows.append(row)
     return m.Ablation(
         axis="options.apil.prediction",
         title="what ã is",

@@ -84,9 +84,9 @@ def test_an_axis_never_mixes_into_the_usual_cells(data: ReportData) -> None:
 def test_the_ablation_puts_the_default_first(data: ReportData) -> None:
     own = next(each for each in data.ablations if each.game == KICK)
     assert (own.axis, [row.value for row in own.rows]) == (PREDICTION, ["imitator", "none"])
-    assert own.rows[1].win_difference is not None
-    assert own.rows[1].win_difference.value == pytest.approx(-0.07)
-    assert own.rows[1].win_verdict == "lower"
+    difference = own.rows[1].difference
+    assert difference is not None
+    assert (difference.win.value, difference.win_verdict) == (pytest.approx(-0.07), "lower")
     assert (own.rows[0].imitator_error, own.rows[1].imitator_error) == (pytest.approx(1.2), None)
 
 

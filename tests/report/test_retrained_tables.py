@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from apil_core.evaluation.crossplay.document import CrossPlay, Player
-from apil_core.studies.report.retrained_tables import Attack, Played, retrained_tables
+from apil_core.studies.report.retrained_tables import Played, retrained_tables
+from apil_core.studies.report.settings import Key
 from apil_core.studies.report.table_models import Setting, Table
 from report.sample import KICK, VICTIMS, result
 
@@ -11,10 +12,15 @@ COLUMNS = ["baseline", "adrl", "e_apil"]
 MILLION = 1_000_000
 
 
+def _key(victim: str, axes: tuple[tuple[str, str], ...] = ()) -> Key:
+    """Of an adversary that was trained for a million steps."""
+    return Key(MILLION, None, None, victim, "sample", "sample", axes)
+
+
 def _played(
     adversaries: dict[str, tuple[int | None, int | None]],
     victims: list[str],
-    attacks: dict[str, Attack] | None = None,
+    attacks: dict[str, Key] | None = None,
 ) -> Played:
     """A cross-play in which adversary i wins 100·i + 10·j games of 1000 against victim j.
 
@@ -72,7 +78,7 @@ def test_budgets_are_tables_of_their_own() -> None:
 
 def test_ablated_adversaries_neither_test_nor_make_the_usual_victims() -> None:
     adversaries = {"baseline": (None, None), "e_apil/none": (MILLION, 0), "e_apil/usual": (MILLION, 0)}
-    ablated = Attack(MILLION, "default", (("options.x", "none"),))
+    ablated = _key("default", (("options.x", "none"),))
     played = _played(adversaries, ["original", "vs e_apil/none", "vs e_apil/usual"], {"e_apil/none": ablated})
     tables, settings = _tables(played)
     found = {(t.number, bool(s.axes)): _losses(t) for t in tables for s in settings if s.id == t.setting}
@@ -100,7 +106,7 @@ def test_pairings_that_are_not_played_yet_are_left_out() -> None:
 def test_budgets_are_those_asked_for_wherever_the_last_iteration_ended() -> None:
     """Iterations of two sizes end beyond the budget at two places: one table all the same."""
     adversaries = {"baseline": (None, None), "adrl": (1_015_808, 0), "e_apil": (1_048_576, 0)}
-    attacks = {label: Attack(MILLION, "default") for label in ("adrl", "e_apil")}
+    attacks = {label: _key("default") for label in ("adrl", "e_apil")}
     tables, settings = _tables(_played(adversaries, ["original", "vs adrl", "vs e_apil"], attacks))
     assert [(table.number, setting.steps) for table, setting in zip(tables, settings * 2, strict=True)] == [
         (3, MILLION),
@@ -111,6 +117,6 @@ def test_budgets_are_those_asked_for_wherever_the_last_iteration_ended() -> None
 
 def test_adversaries_of_another_victim_are_no_further_seeds() -> None:
     adversaries = {"baseline": (None, None), "e_apil/a": (MILLION, 0), "e_apil/b": (MILLION, 0)}
-    attacks = {"e_apil/a": Attack(MILLION, "default"), "e_apil/b": Attack(MILLION, "somebody else")}
+    attacks = {"e_apil/a": _key("default"), "e_apil/b": _key("somebody else")}
     (_, fourth), _ = _tables(_played(adversaries, ["original", "vs e_apil/a"], attacks))
     assert _losses(fourth) == {"baseline": [(0, 100)], "e_apil": [(0, 110)]}

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from apil_core.studies.report.cells import cell, seed_scores
+from apil_core.studies.report.cells import cell, method_difference, seed_scores
 from apil_core.studies.report.grouping import Groups, Scored
 from apil_core.studies.report.labels import cell_marks
 from apil_core.studies.report.models import Ablation, AblationRow, Diagnostics
 from apil_core.studies.report.settings import Key, default_config, value_at
-from apil_core.studies.report.statistics import compared, verdict
-from apil_core.studies.report.table_models import Cell, Setting
+from apil_core.studies.report.table_models import Setting
 from apil_core.studies.report.training_curves import RATIO
 
 _TITLES = {"options.apil.prediction": "What ã is: the imitator's prediction, the true action, noise, nothing"}
@@ -50,35 +49,22 @@ def _ablation(
     default = default_config(next(iter(by_value.values()))[1][0].run.config)
     usual = None if default is None else str(value_at(default, axis))
     rows: list[AblationRow] = []
+    setting = ""
     for value in sorted(by_value, key=lambda value: value != usual):
         key, members = by_value[value]
-        games = min(member.score.episodes for member in members)
-        own = cell(
-            game, method, seed_scores(members), None, cell_marks(named[key], game, len(members), games)
-        )
-        ratios = [errors[member.run.path] for member in members if member.run.path in errors]
-        rows.append(_row(value, own, rows[0].cell if rows else None, ratios))
+        setting, scores = setting or named[key].id, seed_scores(members)
+        own = cell(game, method, scores, None, cell_marks(named[key], game, scores, trained=True))
+        row = AblationRow(value=value, cell=own)
+        if ratios := [errors[member.run.path] for member in members if member.run.path in errors]:
+            row.imitator_error = sum(ratios) / len(ratios)
+        if rows:
+            row.difference = method_difference(own, rows[0].cell, setting=setting)
+        rows.append(row)
     return Ablation(
         axis=axis,
         title=_TITLES.get(axis, axis),
         game=game,
         method=method,
-        setting=named[by_value[rows[0].value][0]].id,
+        setting=setting,
         rows=rows,
-    )
-
-
-def _row(value: str, own: Cell, first: Cell | None, ratios: Sequence[float]) -> AblationRow:
-    row = AblationRow(value=value, cell=own, imitator_error=sum(ratios) / len(ratios) if ratios else None)
-    if first is None:
-        return row
-    pairs = [(own.win.measured, first.win.measured), (own.win_or_tie.measured, first.win_or_tie.measured)]
-    win, either = (compared(a, b) for a, b in pairs if a is not None and b is not None)
-    return row.model_copy(
-        update={
-            "win_difference": win,
-            "win_or_tie_difference": either,
-            "win_verdict": verdict(win),
-            "win_or_tie_verdict": verdict(either),
-        }
     )

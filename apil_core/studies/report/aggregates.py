@@ -11,7 +11,15 @@ from apil_core.studies.report.statistics import (
     performance_profile,
     probability_of_improvement,
 )
-from apil_core.studies.report.table_models import Aggregate, Cell, Improvement, Metric, Profile, Table
+from apil_core.studies.report.table_models import (
+    METRICS,
+    Aggregate,
+    Cell,
+    Improvement,
+    Metric,
+    Profile,
+    Table,
+)
 from apil_core.studies.report.words import several
 
 Columns = Mapping[str, Sequence[Cell]]
@@ -86,8 +94,7 @@ def _over_games(tables: Sequence[Table]) -> Iterator[tuple[str, Metric, Columns]
                 for place, column in enumerate(table.columns)
                 if column in present
             }
-            yield table.setting, "win", columns
-            yield table.setting, "win_or_tie", columns
+            yield from ((table.setting, metric, columns) for metric in METRICS)
 
 
 def _scores(cells: Sequence[Cell], metric: Metric) -> list[list[float]]:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
 from apil_core.studies.bench.matrix import BASELINE as BASELINE
-from apil_core.studies.report.cells import cell, make_table, seed_score, seed_scores
+from apil_core.studies.report.cells import cell, make_table, method_difference, seed_score, seed_scores
 from apil_core.studies.report.grouping import Groups
 from apil_core.studies.report.labels import cell_marks
 from apil_core.studies.report.models import Endings
 from apil_core.studies.report.published import published
 from apil_core.studies.report.settings import Key
 from apil_core.studies.report.sources import Sources
-from apil_core.studies.report.statistics import compared, verdict
 from apil_core.studies.report.table_models import Cell, MethodDifference, Setting, Table
 
 _TITLES = {1: "Adversaries against the victim", 2: "Blinded adversaries against the victim"}
@@ -41,21 +41,17 @@ def attack_tables(
         for blind in groups.modes(key):
             shown = [*_columns(groups, key, columns), *labels]
             rows = [_row(sources, groups, key, setting, blind, game, shown) for game in games]
-            rows = [
-                row
-                for row in rows
-                if any(
-                    c.scores for c in row if key in groups.alone or not (c.replayed or c.column == BASELINE)
-                )
-            ]
-            empty = [
-                label for label in labels if not any(c.scores for r in rows for c in r if c.column == label)
-            ]
-            shown = [column for column in shown if column not in empty]
-            rows = [[c for c in row if c.column not in empty] for row in rows]
+            rows = [row for row in rows if any(key in groups.alone or _own(c) for c in row if c.scores)]
+            filled = {cell.column for row in rows for cell in row if cell.scores}
+            shown = [column for column in shown if column in filled or column not in labels]
+            rows = [[cell for cell in row if cell.column in shown] for row in rows]
             number: Literal[1, 2] = 1 if blind is None else 2
             tables.append(make_table(number, _TITLES[number], setting.id, shown, rows, blind))
     return sorted(tables, key=lambda table: table.number)
+
+
+def _own(cell: Cell) -> bool:
+    return not (cell.replayed or cell.column == BASELINE)
 
 
 def _changed(key: Key) -> bool:
@@ -85,14 +81,11 @@ def _row(
     for column in columns:
         value = None if _changed(key) and column != BASELINE else source.value(game, column)
         scores = seed_scores(groups.members(key, game, column, blind))
-        trained = len(scores)
-        note = ""
+        trained, note = bool(scores), ""
         if (other := groups.replayed(sources.replayed, key, blind, game, column)) is not None:
             scores, note = [seed_score(other.score, other.source)], other.note
-        least = min((score.episodes for score in scores), default=published().episodes)
-        marks = cell_marks(setting, game, trained, least) if scores else []
-        found = cell(game, column, scores, value, [note, *marks] if note else marks)
-        cells.append(found.model_copy(update={"replayed": note}))
+        marks = [note] * bool(note) + cell_marks(setting, game, scores, trained=trained)
+        cells.append(cell(game, column, scores, value, marks).model_copy(update={"replayed": note}))
     return cells
 
 
@@ -103,24 +96,9 @@ def method_differences(tables: Sequence[Table]) -> list[MethodDifference]:
         for row in table.rows:
             measured = [each for each in row if each.scores]
             for i, each in enumerate(measured):
-                found += [_difference(table, each, base) for base in measured[:i]]
+                named = {"table": table.id, "setting": table.setting}
+                found += [method_difference(each, base, **named) for base in measured[:i]]
     return found
-
-
-def _difference(table: Table, own: Cell, base: Cell) -> MethodDifference:
-    shares = [(own.win.measured, base.win.measured), (own.win_or_tie.measured, base.win_or_tie.measured)]
-    win, either = (compared(a, b) for a, b in shares if a is not None and b is not None)
-    return MethodDifference(
-        table=table.id,
-        setting=table.setting,
-        game=own.game,
-        column=own.column,
-        base=base.column,
-        win=win,
-        win_or_tie=either,
-        win_verdict=verdict(win),
-        win_or_tie_verdict=verdict(either),
-    )
 
 
 def endings(tables: Sequence[Table]) -> list[Endings]:
@@ -136,10 +114,9 @@ def endings(tables: Sequence[Table]) -> list[Endings]:
 
 
 def _endings(table: Table, own: Cell) -> Endings:
-    counts: dict[str, int] = {}
+    causes: Counter[str] = Counter()
     for score in own.scores:
-        for cause, count in score.causes.items():
-            counts[cause] = counts.get(cause, 0) + count
+        causes.update(score.causes)
     return Endings(
         table=table.id,
         setting=table.setting,
@@ -149,6 +126,6 @@ def _endings(table: Table, own: Cell) -> Endings:
         wins=sum(score.wins for score in own.scores),
         ties=sum(score.ties for score in own.scores),
         losses=sum(score.losses for score in own.scores),
-        causes=dict(sorted(counts.items(), key=lambda item: -item[1])),
+        causes=dict(causes.most_common()),
         mean_length=sum(score.mean_length * score.episodes for score in own.scores) / own.episodes,
     )

@@ -9,7 +9,15 @@ from apil_core.evaluation.results import EvaluationResult
 from apil_core.studies.report.grouping import Scored
 from apil_core.studies.report.published import published
 from apil_core.studies.report.statistics import compared, published_rate, share, verdict
-from apil_core.studies.report.table_models import Cell, Figure, SeedScore, Side, Table
+from apil_core.studies.report.table_models import (
+    METRICS,
+    Cell,
+    Figure,
+    MethodDifference,
+    SeedScore,
+    Side,
+    Table,
+)
 
 
 def seed_scores(members: Sequence[Scored]) -> list[SeedScore]:
@@ -72,6 +80,15 @@ def _figure(counts: Sequence[int], games: Sequence[int], value: float | None) ->
         return Figure(measured=measured, verdict="no published value")
     difference = compared(measured, published_rate(value, published().episodes))
     return Figure(measured=measured, published=value, difference=difference, verdict=verdict(difference))
+
+
+def method_difference(own: Cell, base: Cell, **named: str) -> MethodDifference:
+    """Compare two measured cells of a game; ``named``: other fields, such as the table."""
+    pairs = {metric: (own.share(metric), base.share(metric)) for metric in METRICS}
+    found = {metric: compared(a, b) for metric, (a, b) in pairs.items() if a is not None and b is not None}
+    verdicts = {f"{metric}_verdict": verdict(difference) for metric, difference in found.items()}
+    columns = {"game": own.game, "column": own.column, "base": base.column}
+    return MethodDifference.model_validate({**columns, **found, **verdicts, **named})
 
 
 def make_table(

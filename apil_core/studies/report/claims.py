@@ -13,19 +13,11 @@ from typing import NamedTuple
 from apil_core.common.statistics import Difference
 from apil_core.studies.report.attack_tables import BASELINE
 from apil_core.studies.report.models import Check, Claim, Truth
-from apil_core.studies.report.paper_claims import (
-    MARGIN,
-    ORDER,
-    WORDS,
-    Metric,
-    lost_when_blinded,
-    lost_when_retrained,
-    pairs_above,
-)
+from apil_core.studies.report.paper_claims import IN_THE_PAPER, MARGIN, ORDER, WORDS
 from apil_core.studies.report.published import published
 from apil_core.studies.report.retrained_tables import STRONGEST
 from apil_core.studies.report.statistics import ENOUGH_SEEDS, compared
-from apil_core.studies.report.table_models import Cell, Setting, Share, Table
+from apil_core.studies.report.table_models import Cell, Metric, Setting, Share, Table
 from apil_core.studies.report.words import budget_mark, percent, several
 
 _HOLDS: Truth = "holds"
@@ -74,7 +66,6 @@ def _beats(table: Table, setting: Setting) -> Claim:
         table,
         setting,
         findings,
-        pairs_above(1, [(method, BASELINE) for method in ORDER], "win_or_tie"),
     )
 
 
@@ -90,7 +81,6 @@ def _order(table: Table, setting: Setting, metric: Metric) -> Claim:
         table,
         setting,
         findings,
-        pairs_above(1, [(stronger, weaker) for weaker, stronger in pairwise(ORDER)], metric),
     )
 
 
@@ -99,10 +89,8 @@ def _blinding(seeing: Table, blinded: Table, setting: Setting) -> Claim:
 
     def findings(row: Sequence[Cell]) -> Iterator[_Finding]:
         for method in _trained(row):
-            own = _share(_cell(row, method), "win_or_tie")
-            other = _share(before.get((row[0].game, method)), "win_or_tie")
-            if own is not None and other is not None:
-                yield _kept(method, own, other)
+            other = before.get((row[0].game, method))
+            yield from _kept(method, _cell(row, method), other, "win_or_tie")
 
     return _claim(
         "blinding" if blinded.blind == "zeros" else f"blinding ({blinded.blind})",
@@ -111,7 +99,6 @@ def _blinding(seeing: Table, blinded: Table, setting: Setting) -> Claim:
         blinded,
         setting,
         findings,
-        lost_when_blinded(),
     )
 
 
@@ -126,18 +113,14 @@ def _resists(table: Table, setting: Setting) -> Claim:
         table,
         setting,
         findings,
-        pairs_above(4, [(STRONGEST, BASELINE)], "win"),
         needs=(STRONGEST,),
     )
 
 
 def _remembers(table: Table, setting: Setting) -> Claim:
     def findings(row: Sequence[Cell]) -> Iterator[_Finding]:
-        base = _share(_cell(row, BASELINE), "win")
         for method in _trained(row):
-            own = _share(_cell(row, method), "win")
-            if own is not None and base is not None:
-                yield _kept(f"retrained against {method}", own, base)
+            yield from _kept(f"retrained against {method}", _cell(row, method), _cell(row, BASELINE), "win")
 
     return _claim(
         "remembers",
@@ -146,17 +129,15 @@ def _remembers(table: Table, setting: Setting) -> Claim:
         table,
         setting,
         findings,
-        lost_when_retrained(3, "win"),
     )
 
 
 def _claim(
     name: str,
-    text: str,
+    claim: str,
     table: Table,
     setting: Setting,
     findings: Callable[[Sequence[Cell]], Iterator[_Finding]],
-    paper: str,
     needs: Sequence[str] = ORDER,
 ) -> Claim:
     """Make a claim with its checks; it concerns all games of the paper and the methods it ``needs``."""
@@ -167,17 +148,19 @@ def _claim(
             missing = [method for method in needs if _cell(row, method) is None]
             if missing:
                 found.append(_Finding(_OPEN, f"{', '.join(missing)} not measured"))
-            raw = _together([finding.verdict for finding in found])
-            checks.append(Check(game=row[0].game, verdict=_at_budget(raw, setting), text=_listing(found)))
+            verdict = _together([finding.verdict for finding in found])
+            if verdict == _FAILS and _short(setting):
+                verdict = _OPEN
+            text = "; ".join(finding.text for finding in found) + "."
+            checks.append(Check(game=row[0].game, verdict=verdict, text=text))
     games = {check.game for check in checks}
     absent = [game for game in published().games if game not in games]
-    raw_all = _together([*(check.verdict for check in checks), *[_OPEN for _ in absent]])
     return Claim(
         id=name,
-        claim=text,
-        published=paper,
+        claim=claim,
+        published=IN_THE_PAPER[name.partition(" (")[0]],
         setting=setting.id,
-        verdict=raw_all,
+        verdict=_together([*(check.verdict for check in checks), *(_OPEN for _ in absent)]),
         text=_summary(checks, absent, table, setting),
         checks=checks,
     )
@@ -194,14 +177,6 @@ def _short(setting: Setting) -> str:
     """Describe how the budget falls short of the published one; ``""`` if it does not."""
     marks = dict.fromkeys([setting.budget, budget_mark(setting.steps, published().adversary_steps)])
     return " and ".join(filter(None, marks)) or ("an unknown budget" if setting.steps is None else "")
-
-
-def _at_budget(verdict: Truth, setting: Setting) -> Truth:
-    return _OPEN if verdict == _FAILS and _short(setting) else verdict
-
-
-def _listing(found: Sequence[_Finding]) -> str:
-    return "; ".join(finding.text for finding in found) + "."
 
 
 def _summary(checks: Sequence[Check], absent: Sequence[str], table: Table, setting: Setting) -> str:
@@ -232,10 +207,8 @@ def _cell(row: Sequence[Cell], column: str) -> Cell | None:
     return next((each for each in row if each.column == column and each.scores), None)
 
 
-def _share(own: Cell | None, metric: Metric) -> Share | None:
-    if own is None:
-        return None
-    return (own.win if metric == "win" else own.win_or_tie).measured
+def _share(cell: Cell | None, metric: Metric) -> Share | None:
+    return cell.share(metric) if cell else None
 
 
 def _more(
@@ -248,7 +221,8 @@ def _more(
         return _Finding(_OPEN, f"{base_name if other is None else name} was not measured")
     difference = compared(own, other)
     verdict = _OPEN if difference.within_noise else _HOLDS if difference.value > 0 else _FAILS
-    return _Finding(verdict, f"{_numbers(name, own, base_name, other, metric)}, {_points(difference)}")
+    shares = f"{percent(own.value)} % {WORDS[metric]} against {base_name} {percent(other.value)} %"
+    return _Finding(verdict, f"{name} {shares}, {_points(difference)}")
 
 
 def _needing_seeds(row: Sequence[Cell], columns: Sequence[str], finding: _Finding) -> _Finding:
@@ -258,18 +232,17 @@ def _needing_seeds(row: Sequence[Cell], columns: Sequence[str], finding: _Findin
     return _Finding(_OPEN, f"{finding.text}, but of {several(seeds, 'seed')} each")
 
 
-def _kept(name: str, own: Share, before: Share) -> _Finding:
+def _kept(name: str, after: Cell | None, before: Cell | None, metric: Metric) -> Iterator[_Finding]:
     """Check that no more than the margin was lost: confirmed, refuted, or undecided."""
-    text = f"{name} {percent(before.value)} → {percent(own.value)} %"
-    if before.high < MARGIN:
-        return _Finding(_OPEN, f"{text}, too little to lose any")
-    difference = compared(own, before)
+    own, base = _share(after, metric), _share(before, metric)
+    if own is None or base is None:
+        return
+    text, difference = f"{name} {percent(base.value)} → {percent(own.value)} %", compared(own, base)
+    if base.high < MARGIN:
+        yield _Finding(_OPEN, f"{text}, too little to lose any")
+        return
     verdict = _HOLDS if difference.low >= -MARGIN else _FAILS if difference.high < -MARGIN else _OPEN
-    return _Finding(verdict, f"{text}, {_points(difference)}")
-
-
-def _numbers(name: str, own: Share, base_name: str, other: Share, metric: Metric) -> str:
-    return f"{name} {percent(own.value)} % {WORDS[metric]} against {base_name} {percent(other.value)} %"
+    yield _Finding(verdict, f"{text}, {_points(difference)}")
 
 
 def _points(difference: Difference) -> str:

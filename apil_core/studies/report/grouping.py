@@ -81,17 +81,11 @@ class Groups:
     def fits(self, score: EvaluationResult, key: Key | None = None) -> bool:
         """Return whether a run was scored in the same games, in that setting's table or in any."""
         return any(
-            _games_of(score) == _games_of(member.score)
+            conditions(score) == conditions(member.score)
             for place, members in self.cells.items()
-            if key in (None, place.key) and (place.game, place.blind) == (score.env, blinding(score))
+            if key in (None, place.key) and place.blind == blinding(score)
             for member in members
         )
-
-
-def _games_of(score: EvaluationResult) -> tuple[Any, ...]:
-    """All that a score depends on except the adversary, its blinding, the seed and the number of games."""
-    actions = (score.adversary_actions, score.victim_actions)
-    return score.victim, actions, score.options_played, score.observers or {}
 
 
 def group(runs: Sequence[Run], replayed: Sequence[Replayed] = ()) -> Groups:
@@ -108,7 +102,7 @@ def _grouped(runs: Sequence[Run]) -> Groups:
     attack = {
         place: number for number, places in enumerate(seed_groups([r.dir for r in runs])) for place in places
     }
-    seen: dict[tuple[Key, str, str], list[tuple[int, str, Run]]] = {}
+    seen: dict[tuple[Key, str, str], list[tuple[int, Any, Run]]] = {}
     for number, run in enumerate(runs):
         if not run.scores:
             found.unscored.append((key_of(run, None), run))
@@ -137,7 +131,7 @@ def blinding(score: EvaluationResult) -> str | None:
 
 
 def _place(
-    scored: Scored, attack: int, seen: dict[tuple[Key, str, str], list[tuple[int, str, Run]]], found: Groups
+    scored: Scored, attack: int, seen: dict[tuple[Key, str, str], list[tuple[int, Any, Run]]], found: Groups
 ) -> Key:
     """A score's key and variant: the same for runs that differ in the seed only, and for copies."""
     run, how = scored.run, conditions(scored.score)

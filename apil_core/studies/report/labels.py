@@ -8,8 +8,9 @@ from apil_core.api.profiles import FAITHFUL
 from apil_core.studies.report.grouping import Groups
 from apil_core.studies.report.published import published
 from apil_core.studies.report.settings import DEFAULT_VICTIM, STUDENT, Key, varying
-from apil_core.studies.report.table_models import Setting
-from apil_core.studies.report.words import amount, budget_mark
+from apil_core.studies.report.statistics import ENOUGH_SEEDS
+from apil_core.studies.report.table_models import SeedScore, Setting
+from apil_core.studies.report.words import amount, budget_mark, several
 
 PUBLISHED_MODE = "mode"
 """Action modes of both sides in the published evaluation code (docs/fidelity.md)."""
@@ -28,7 +29,7 @@ def settings(groups: Groups) -> dict[Key, Setting]:
         games = {place.game for place in groups.cells if place.key == key}
         games |= {run.config.env for other, run in groups.unscored if other == key}
         games |= {each.score.env for each in groups.alone.get(key, ())}
-        named[key] = _setting(f"s{number}", label, key, texts[key], paper=in_paper(games))
+        named[key] = make_setting(f"s{number}", label, key, paper=in_paper(games))
     return named
 
 
@@ -60,11 +61,15 @@ def _texts(key: Key, groups: Groups) -> dict[str, str]:
             key.victim, f"victim {key.victim}"
         ),
         "actions": f"actions {_modes(key.adversary_actions, key.victim_actions)}",
-        "axes": _assignments(key.axes),
-        "other": _assignments(key.other),
-        "scored_with": ", ".join(f"{name} ({options})" for name, options in key.scored_with),
+        "axes": assignments(key.axes),
+        "other": assignments(key.other),
+        "scored_with": _defences(key),
         "variant": groups.variants.get(key, ""),
     }
+
+
+def _defences(key: Key) -> str:
+    return ", ".join(f"{name} ({options})" for name, options in key.scored_with)
 
 
 def _physics(key: Key) -> str:
@@ -80,22 +85,34 @@ def _modes(own: str, victims: str) -> str:
     return f"{words.get(own, own)}/{words.get(victims, victims)}"
 
 
-def _assignments(pairs: Sequence[tuple[str, str]]) -> str:
+def assignments(pairs: Sequence[tuple[str, str]]) -> str:
+    """``key=value`` of each pair."""
     return ", ".join(f"{name}={value}" for name, value in pairs)
 
 
-def _setting(name: str, label: str, key: Key, texts: dict[str, str], paper: bool) -> Setting:
-    full = published().adversary_steps if paper else None
-    actions = (key.adversary_actions, key.victim_actions)
-    notes = setting_notes(key.steps, key.trained, key.physics, key.victim, *actions, paper=paper)
-    notes += [f"Not the defaults: {texts[name]}." for name in ("axes", "other") if texts[name]]
-    notes += [f"The victims were defended in the games: {texts['scored_with']}."] * bool(key.scored_with)
+def make_setting(name: str, label: str, key: Key, *, paper: bool, retrained: bool = False) -> Setting:
+    """Make a setting.
+
+    Args:
+        name, label: its id, and its description.
+        key: of its cells.
+        paper: whether the paper played one of its games.
+        retrained: of tables 3 and 4: its budget is that of the victims' retraining.
+    """
+    budgets = published()
+    full = (budgets.retrain_steps if retrained else budgets.adversary_steps) if paper else None
+    own = key.retrain_steps if retrained else key.steps
+    notes = []
+    if retrained and (mark := budget_mark(own, full)):
+        notes.append(f"Victims retrained for {mark} of the published budget.")
+    notes += _notes(key, paper)
     return Setting(
         id=name,
         label=label or "as measured",
         steps=key.steps,
+        retrain_steps=key.retrain_steps,
         published_steps=full,
-        budget_share=key.steps / full if key.steps is not None and full else None,
+        budget_share=own / full if own is not None and full else None,
         trained_physics=key.trained,
         physics=key.physics,
         victim=key.victim,
@@ -108,51 +125,40 @@ def _setting(name: str, label: str, key: Key, texts: dict[str, str], paper: bool
     )
 
 
-def setting_notes(
-    steps: int | None,
-    trained: str | None,
-    physics: str | None,
-    victim: str,
-    own: str,
-    victims: str,
-    *,
-    paper: bool,
-) -> list[str]:
-    """Differences of a setting's games from the published ones.
-
-    Args:
-        steps: training budget.
-        trained, physics: profiles of training and of the scored games.
-        victim: as in :class:`apil_core.studies.report.models.Setting`.
-        own, victims: action modes of adversary and victim.
-        paper: whether the paper played one of the games.
-    """
-    notes = []
-    if paper and (mark := budget_mark(steps, published().adversary_steps)):
+def _notes(key: Key, paper: bool) -> list[str]:
+    """Differences of a setting's games from the published ones."""
+    notes, actions = [], (key.adversary_actions, key.victim_actions)
+    if paper and (mark := budget_mark(key.steps, published().adversary_steps)):
         notes.append(f"Adversaries trained for {mark} of the published budget.")
-    if physics not in (None, FAITHFUL):
-        notes.append(f"Played in {physics} physics, not in the game as it was made.")
-    elif trained not in (None, FAITHFUL):
-        notes.append(f"Trained in {trained} physics, played in the game as it was made.")
-    if victim == STUDENT:
+    if key.physics not in (None, FAITHFUL):
+        notes.append(f"Played in {key.physics} physics, not in the game as it was made.")
+    elif key.trained not in (None, FAITHFUL):
+        notes.append(f"Trained in {key.trained} physics, played in the game as it was made.")
+    if key.victim == STUDENT:
         notes.append("The victims are students that ship with apil, not the agents of the papers.")
-    elif victim != DEFAULT_VICTIM:
-        notes.append(f"The victim is {victim}, not the agent of the papers.")
-    if paper and {own, victims} != {PUBLISHED_MODE}:
+    elif key.victim != DEFAULT_VICTIM:
+        notes.append(f"The victim is {key.victim}, not the agent of the papers.")
+    if paper and set(actions) != {PUBLISHED_MODE}:
         notes.append(
-            f"Actions are {_modes(own, victims)} (adversary/victim); the published evaluation code takes the "
+            f"Actions are {_modes(*actions)} (adversary/victim); the published evaluation code takes the "
             "mode of both, and that alone can be worth ten points."
         )
+    notes += [f"Not the defaults: {assignments(pairs)}." for pairs in (key.axes, key.other) if pairs]
+    if key.scored_with:
+        notes.append(f"The victims were defended in the games: {_defences(key)}.")
     return notes
 
 
-def cell_marks(setting: Setting, game: str, seeds: int, episodes: int) -> list[str]:
-    """Short warning labels of a cell; ``seeds`` 0 for an agent that was not trained here."""
-    marks = [setting.budget] if seeds and setting.budget and in_paper([game]) else []
-    if 0 < seeds < 3:
-        marks.append(f"{seeds} seed" if seeds == 1 else f"{seeds} seeds")
-    if episodes < published().episodes:
-        marks.append(f"{episodes} games")
+def cell_marks(setting: Setting, game: str, scores: Sequence[SeedScore], *, trained: bool) -> list[str]:
+    """Short warning labels of a cell; ``trained`` here, not an agent from elsewhere."""
+    if not scores:
+        return []
+    marks = [setting.budget] if trained and setting.budget and in_paper([game]) else []
+    if trained and len(scores) < ENOUGH_SEEDS:
+        marks.append(several(len(scores), "seed"))
+    least = min(score.episodes for score in scores)
+    if least < published().episodes:
+        marks.append(f"{least} games")
     if setting.physics not in (None, FAITHFUL):
         marks.append(f"{setting.physics} physics")
     if setting.victim != DEFAULT_VICTIM:

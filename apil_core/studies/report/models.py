@@ -7,7 +7,6 @@ from typing import Any, Literal
 from pydantic import BaseModel
 
 from apil_core.common.documents import EXACT
-from apil_core.common.statistics import Difference
 from apil_core.evaluation.crossplay.document import CrossPlay
 from apil_core.studies.activations.models import ActivationMap
 from apil_core.studies.curves.curves import Line
@@ -20,7 +19,6 @@ from apil_core.studies.report.table_models import (
     Profile,
     Setting,
     Table,
-    Verdict,
 )
 
 Truth = Literal["holds", "does not hold", "cannot be told"]
@@ -99,14 +97,11 @@ class RetrainingCurve(BaseModel):
 
 
 class AblationRow(BaseModel):
-    """One value of an axis; ``*_difference`` is against the first row."""
+    """One value of an axis; its difference is to the first row."""
 
     value: str
     cell: Cell
-    win_difference: Difference | None = None
-    win_or_tie_difference: Difference | None = None
-    win_verdict: Verdict | None = None
-    win_or_tie_verdict: Verdict | None = None
+    difference: MethodDifference | None = None
     imitator_error: float | None = None
     """Imitator's squared error over the best constant's, in the end, mean over seeds; below 1 it learnt."""
 

@@ -22,6 +22,7 @@ from apil_core.studies.report.figures.plot import Plot
 from apil_core.studies.report.models import ReportData
 from apil_core.studies.report.page_tables import Copy, TableView, table_views
 from apil_core.studies.report.tables import table_texts
+from apil_core.studies.report.words import MEASURES
 
 Options = Sequence[tuple[str, str]]
 """Value and label of each choice; values are joined by ``|``, the empty one means all."""
@@ -33,18 +34,13 @@ _LEGENDS = {
     "kind": "Counted by",
     "score": "Score",
 }
-_WORDS = {"win": "win", "win_or_tie": "win or tie", "imitator": "imitator’s error"}
-_BOTH: Options = (
-    ("win|win_or_tie", "both"),
-    ("win", "win"),
-    ("win_or_tie", "win or tie"),
-)
+_BOTH: Options = (("win|win_or_tie", "both"), *list(MEASURES.items())[:2])
 _PROFILES = (
     "Performance profile: share of runs that score above a value. Probability of improvement: that of a run "
     "scoring higher than a run of the other method in the same game, 50 % if they are alike. "
     "Bands and bars: 95 % intervals from runs redrawn within their game."
 )
-_EVERY: Options = (*_BOTH, ("return", "return"), ("imitator", "imitator’s error"), ("", "all"))
+_EVERY: Options = (_BOTH[0], *MEASURES.items(), ("", "all"))
 
 
 @dataclass(frozen=True)
@@ -86,7 +82,7 @@ class Section:
         for name in dict.fromkeys(name for plot in self.plots for name in plot.facets):
             values = list(dict.fromkeys(plot.facets.get(name, "") for plot in self.plots))
             if len(values) > 1:
-                each = [(value, _WORDS.get(value, value)) for value in values]
+                each = [(value, MEASURES.get(value, value)) for value in values]
                 options = self.chosen.get(name) or [("", "all"), *each]
                 useful = [o for o in options if not o[0] or set(o[0].split("|")) & set(values)]
                 facets.append(Facet(name, _LEGENDS[name], useful))

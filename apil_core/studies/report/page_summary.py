@@ -33,19 +33,19 @@ def facts(data: ReportData) -> list[tuple[str, str]]:
     runs = data.provenance.runs
     cells = [cell for table in data.tables for row in table.rows for cell in row]
     episodes = sorted({score.episodes for cell in cells for score in cell.scores})
+    replayed = [f"{cell.column} in {cell.game}: {cell.scores[0].source}" for cell in cells if cell.replayed]
+    states = ", ".join(f"{n} {state}" for state, n in Counter(run.status for run in runs).most_common())
+    missing = len(data.unfinished)
     rows = [
         ("games", ", ".join(data.games)),
         ("columns", ", ".join(data.columns)),
-        ("seeds", _some([str(seed) for seed in sorted({run.seed for run in runs})])),
-        ("budget", _some(_budgets(data))),
-        ("physics", _some(sorted({run.physics for run in runs if run.physics}))),
-        ("victims", _some(list(dict.fromkeys(f"{run.game}: {run.victim}" for run in runs)), "; ")),
-        (
-            "not trained here",
-            _some(list(dict.fromkeys(_source(cell) for cell in cells if cell.replayed)), "; "),
-        ),
-        ("games per score", _some([f"{number:,}".replace(",", " ") for number in episodes])),
-        ("runs", _states(data)),
+        ("seeds", ", ".join(str(seed) for seed in sorted({run.seed for run in runs}))),
+        ("budget", ", ".join(dict.fromkeys(filter(None, map(_budget, data.settings))))),
+        ("physics", ", ".join(sorted({run.physics for run in runs if run.physics}))),
+        ("victims", "; ".join(dict.fromkeys(f"{run.game}: {run.victim}" for run in runs))),
+        ("not trained here", "; ".join(dict.fromkeys(replayed))),
+        ("games per score", ", ".join(f"{number:,}".replace(",", " ") for number in episodes)),
+        ("runs", states + (f"; {several(missing, 'cell')} not finished" if missing else "")),
     ]
     return [(name, value) for name, value in rows if value]
 
@@ -64,14 +64,10 @@ def first_table(data: ReportData, number: int) -> Table | None:
     return min(tables, key=lambda table: order.index(table.setting), default=None)
 
 
-def budget(setting: Setting) -> str:
+def _budget(setting: Setting) -> str:
     """A setting's budget relative to the published one."""
     own = setting.retrain_steps if setting.retrain_steps is not None else setting.steps
     return setting.budget or (f"{amount(own)} steps" if own else "")
-
-
-def _source(cell: Cell) -> str:
-    return f"{cell.column} in {cell.game}: {cell.scores[0].source}"
 
 
 def _best(row: list[Cell]) -> str:
@@ -90,18 +86,3 @@ def _best(row: list[Cell]) -> str:
         return f"{text}. The baseline adversary was not scored."
     noise = ", within noise of it" if compared(best, base).within_noise else ""
     return f"{text}. Baseline adversary: {percent(base.value)} %{noise}."
-
-
-def _budgets(data: ReportData) -> list[str]:
-    return list(dict.fromkeys(text for setting in data.settings if (text := budget(setting))))
-
-
-def _states(data: ReportData) -> str:
-    states = Counter(run.status for run in data.provenance.runs)
-    told = [f"{count} {state}" for state, count in states.most_common()]
-    missing = len(data.unfinished)
-    return ", ".join(told) + (f"; {several(missing, 'cell')} not finished" if missing else "")
-
-
-def _some(values: list[str], separator: str = ", ") -> str:
-    return separator.join(values)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,12 +15,12 @@ from apil_core.runs.retraining.folder import RetrainDir
 from apil_core.studies.bench.jobs import labels
 from apil_core.studies.report.attack_tables import BASELINE
 from apil_core.studies.report.cells import cell, make_table, seed_score
-from apil_core.studies.report.labels import cell_marks, in_paper, setting_notes
+from apil_core.studies.report.labels import assignments, cell_marks, in_paper, make_setting
 from apil_core.studies.report.published import published
-from apil_core.studies.report.settings import key_of, victim_kind
+from apil_core.studies.report.settings import Key, key_of, victim_kind
 from apil_core.studies.report.sources import Sources, StoredBench
 from apil_core.studies.report.table_models import SeedScore, Setting, Table
-from apil_core.studies.report.words import amount, budget_mark
+from apil_core.studies.report.words import amount
 
 ORIGINAL, AGAINST = "original", "vs "
 """Label of the original victim, and prefix (before the adversary's label) of retrained ones."""
@@ -33,45 +34,12 @@ _TITLES = {
 }
 
 
-class Block(NamedTuple):
-    """Key of the cells of one table.
-
-    Attributes:
-        steps: training budget of the adversaries; ``None`` for the baseline.
-        retrain_steps: of the victims; ``None`` for victims as they were.
-        victim: kind of the original victim.
-        axes: settings in which the adversaries that victims were retrained against are not the usual ones.
-    """
-
-    steps: int | None
-    retrain_steps: int | None
-    physics: str | None
-    victim: str
-    adversary_actions: str
-    victim_actions: str
-    axes: tuple[tuple[str, str], ...] = ()
-
-
 class _Entry(NamedTuple):
     number: int
-    block: Block
+    block: Key
     game: str
     column: str
     score: SeedScore
-
-
-class Attack(NamedTuple):
-    """Training settings of an adversary.
-
-    Attributes:
-        steps: the requested budget; the last iteration may go beyond it.
-        victim: kind of the victim it was trained against.
-        axes: settings in which it is not the usual one.
-    """
-
-    steps: int
-    victim: str
-    axes: tuple[tuple[str, str], ...] = ()
 
 
 class Played(NamedTuple):
@@ -79,12 +47,12 @@ class Played(NamedTuple):
 
     Attributes:
         retrain_steps: the benchmark's budget of retraining.
-        attacks: the adversaries that are runs of this report, by label.
+        attacks: keys of the adversaries that are runs of this report, by label.
     """
 
     document: CrossPlay
     retrain_steps: int | None
-    attacks: Mapping[str, Attack]
+    attacks: Mapping[str, Key]
 
     def axes(self, label: str) -> tuple[tuple[str, str], ...]:
         """Axes of the adversary of that label."""
@@ -101,13 +69,12 @@ class Played(NamedTuple):
         trained = next((score.trained_steps for score in row if score is not None), None)
         if trained is None or label not in self.attacks:
             return trained
-        return min(trained, self.attacks[label].steps)
+        return min(trained, self.attacks[label].steps or 0)
 
 
 def crossplays(sources: Sources) -> list[Played]:
     """The cross-plays of all benchmarks that have any game, and those that were named."""
-    keys = {str(Path(run.path).resolve()): key_of(run, None) for run in sources.runs}
-    attacks = {path: Attack(key.steps or 0, key.victim, key.axes) for path, key in keys.items()}
+    attacks = {str(Path(run.path).resolve()): key_of(run, None) for run in sources.runs}
     found = []
     for bench, matrix in sources.benches.values():
         steps = matrix.retraining.steps if matrix.retraining else None
@@ -118,7 +85,7 @@ def crossplays(sources: Sources) -> list[Played]:
     return [*found, *(Played(document, None, {}) for document in sources.crossplays if document.played)]
 
 
-def _known(bench: StoredBench, document: CrossPlay, attacks: Mapping[str, Attack]) -> dict[str, Attack]:
+def _known(bench: StoredBench, document: CrossPlay, attacks: Mapping[str, Key]) -> dict[str, Key]:
     """Attacks by label; after a benchmark was moved its cells still have their labels."""
     cells = labels(bench.benchmark.cells_of(document.env))
     paths = {label: str(bench.cell(name).path.resolve()) for name, label in cells.items()}
@@ -142,7 +109,7 @@ def retrained_tables(
     settings = []
     for i, block in enumerate(blocks):
         paper = in_paper(entry.game for entry in entries if entry.block == block)
-        settings.append(_setting(f"s{begin + i}", block, paper))
+        settings.append(make_setting(f"s{begin + i}", _label(block), block, paper=paper, retrained=True))
     for number in (3, 4):
         for block, setting in zip(blocks, settings, strict=True):
             own = [entry for entry in entries if entry.number == number and _belongs(entry, block)]
@@ -150,11 +117,11 @@ def retrained_tables(
     return [table for table in tables if table.rows], settings
 
 
-def _belongs(entry: _Entry, block: Block) -> bool:
+def _belongs(entry: _Entry, block: Key) -> bool:
     """Return whether a score belongs to a block; the original victim's fits every block of equal settings."""
     own = entry.block
     if entry.column == BASELINE and own.steps in (None, block.steps):
-        return own[2:6] == block[2:6]
+        return replace(own, steps=block.steps, retrain_steps=block.retrain_steps, axes=block.axes) == block
     return own == block
 
 
@@ -206,11 +173,12 @@ def _opponents(
 
 def _block(
     played: Played, victim: Player, score: EvaluationResult, trained: int | None, original: bool
-) -> Block:
+) -> Key:
     retraining = None if original else _retraining(victim)
-    return Block(
+    return Key(
         steps=trained,
         retrain_steps=None if original else retraining.steps if retraining else played.retrain_steps,
+        trained=score.physics,
         physics=score.physics,
         victim=_attacked(played, victim),
         adversary_actions=score.adversary_actions,
@@ -254,42 +222,16 @@ def _table(
         for column in columns:
             found = {(e.score.seed, e.score.source): e.score for e in reversed(own) if e.column == column}
             scores = list(reversed(found.values()))
-            least = min((score.episodes for score in scores), default=published().episodes)
-            trained = 0 if column == BASELINE else len(scores)
-            marks = cell_marks(setting, game, trained, least) if scores else []
+            marks = cell_marks(setting, game, scores, trained=column != BASELINE)
             changed = setting.axes and column != BASELINE
             row.append(cell(game, column, scores, None if changed else source.value(game, column), marks))
         rows.append(row)
     return make_table(3 if number == 3 else 4, _TITLES[number], setting.id, columns, rows)
 
 
-def _setting(name: str, block: Block, paper: bool) -> Setting:
-    full = published().retrain_steps if paper else None
-    facts = [] if block.steps is None else [f"{amount(block.steps)} steps"]
-    facts += [f"{block.physics} physics"] if block.physics else []
-    facts += [f"victims retrained for {amount(block.retrain_steps)} steps"] if block.retrain_steps else []
-    notes = []
-    if mark := budget_mark(block.retrain_steps, full):
-        notes.append(f"Victims retrained for {mark} of the published budget.")
-    notes += setting_notes(block.steps, block.physics, block.physics, block.victim, *block[4:6], paper=paper)
-    axes = ", ".join(f"{key}={value}" for key, value in block.axes)
-    if axes:
-        facts.append(f"against adversaries with {axes}")
-        notes.append(f"Not the defaults: {axes}.")
-    return Setting(
-        id=name,
-        label=", ".join(facts),
-        steps=block.steps,
-        retrain_steps=block.retrain_steps,
-        published_steps=full,
-        budget_share=block.retrain_steps / full if block.retrain_steps is not None and full else None,
-        trained_physics=block.physics,
-        physics=block.physics,
-        victim=block.victim,
-        adversary_actions=block.adversary_actions,
-        victim_actions=block.victim_actions,
-        axes=dict(block.axes),
-        changes_method=any(name.startswith("options.") for name in dict(block.axes)),
-        notes=notes,
-        matches_published=paper and not notes,
-    )
+def _label(key: Key) -> str:
+    facts = [] if key.steps is None else [f"{amount(key.steps)} steps"]
+    facts += [f"{key.physics} physics"] if key.physics else []
+    facts += [f"victims retrained for {amount(key.retrain_steps)} steps"] if key.retrain_steps else []
+    facts += [f"against adversaries with {assignments(key.axes)}"] if key.axes else []
+    return ", ".join(facts)

@@ -47,6 +47,7 @@ class Key:
         other: key and value of further settings that differ from the defaults, for any method.
         observers: names of those the training had.
         scored_with: observers that were switched on for the scored games only, as name and options.
+        retrain_steps: budget of the victims' retraining; ``None`` for victims as they were.
         variant: 0, or counts up where runs of one cell differ in something else still.
     """
 
@@ -60,6 +61,7 @@ class Key:
     other: tuple[tuple[str, str], ...] = ()
     observers: tuple[str, ...] = ()
     scored_with: tuple[tuple[str, str], ...] = ()
+    retrain_steps: int | None = None
     variant: int = 0
 
     @property
@@ -200,17 +202,15 @@ def changed_options(config: RunConfig, besides: Container[str]) -> list[str]:
     ]
 
 
-def conditions(score: EvaluationResult) -> str:
+def conditions(score: EvaluationResult) -> tuple[Any, ...]:
     """All that a score depends on except the adversary, its blinding, the seed and the number of games."""
-    fields = {"env", "victim", "adversary_actions", "victim_actions", "observers"}
-    facts = score.model_dump(mode="json", include=fields)
-    return str({**facts, **dict(sorted(score.options_played.items()))})
+    actions = (score.adversary_actions, score.victim_actions)
+    return score.env, score.victim, actions, score.options_played, score.observers or {}
 
 
-def varying(keys: Iterable[Mapping[str, str]]) -> set[str]:
-    """Names with different texts."""
+def varying(texts: Iterable[Mapping[str, str]]) -> set[str]:
+    """Names with different texts; every mapping has all names."""
     seen: dict[str, set[str]] = {}
-    listed = list(keys)
-    for name in {name for facts in listed for name in facts}:
-        seen[name] = {facts.get(name, "") for facts in listed}
-    return {name for name, texts in seen.items() if len(texts) > 1}
+    for name, text in (pair for facts in texts for pair in facts.items()):
+        seen.setdefault(name, set()).add(text)
+    return {name for name, found in seen.items() if len(found) > 1}

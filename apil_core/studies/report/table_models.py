@@ -16,6 +16,8 @@ Verdict = Literal["within noise", "higher", "lower", "no published value", "not 
 Metric = Literal["win", "win_or_tie"]
 """Share of games: those won, or those won or tied."""
 
+METRICS: tuple[Metric, ...] = ("win", "win_or_tie")
+
 Side = Literal["adversary", "victim"]
 """Side whose wins a share counts."""
 
@@ -181,9 +183,9 @@ class Table(BaseModel):
 
 
 class MethodDifference(BaseModel):
-    """Difference of two columns of one game in one table: ``column`` minus ``base``."""
+    """Difference of two columns of one game in one table, or of two values of an ablation: minus ``base``."""
 
-    table: str
+    table: str = ""
     setting: str
     game: str
     column: str
@@ -194,20 +196,24 @@ class MethodDifference(BaseModel):
     win_or_tie_verdict: Verdict
 
 
-class Aggregate(BaseModel):
-    """A method over all games of a setting.
+class OverGames(BaseModel):
+    """Something of a method over all games of a setting."""
+
+    setting: str
+    column: str
+    metric: Metric
+
+
+class Aggregate(OverGames):
+    """Interquartile mean over games and seeds.
 
     Attributes:
-        iqm: interquartile mean over games and seeds.
         low, high: 95 % stratified bootstrap interval (seeds redrawn within each game); ``None`` with fewer
             than two seeds in a game.
         games, seeds: behind it; ``seeds`` is the least of any game.
         note: its limitation.
     """
 
-    setting: str
-    column: str
-    metric: Metric
     iqm: float
     low: float | None
     high: float | None
@@ -216,8 +222,8 @@ class Aggregate(BaseModel):
     note: str
 
 
-class Profile(BaseModel):
-    """Performance profile of a method over all games of a setting.
+class Profile(OverGames):
+    """Performance profile.
 
     Attributes:
         runs: behind it, at least two in each game.
@@ -225,16 +231,13 @@ class Profile(BaseModel):
         low, high: pointwise 95 % stratified bootstrap interval.
     """
 
-    setting: str
-    column: str
-    metric: Metric
     runs: int
     value: list[float]
     low: list[float]
     high: list[float]
 
 
-class Improvement(BaseModel):
+class Improvement(OverGames):
     """Probability that a run of ``column`` scores higher than one of ``base`` in the same game.
 
     Attributes:
@@ -243,10 +246,7 @@ class Improvement(BaseModel):
         low, high: 95 % stratified bootstrap interval.
     """
 
-    setting: str
-    column: str
     base: str
-    metric: Metric
     runs: int
     base_runs: int
     value: float

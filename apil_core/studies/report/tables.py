@@ -78,45 +78,38 @@ def _no_formula(value: Any) -> Any:
 def table_rows(data: ReportData, table: Table) -> Iterable[Row]:
     """One row per cell and share, with everything the share depends on; shares are fractions."""
     setting = data.setting(table.setting)
-    shared = {
-        "table": table.number,
-        "side": table.side,
-        "setting": setting.label,
-        "steps": setting.steps,
-        "retrain_steps": setting.retrain_steps,
-        "published_steps": setting.published_steps,
-        "budget_share": setting.budget_share,
-        "trained_physics": setting.trained_physics,
-        "physics": setting.physics,
-        "victim": setting.victim,
-        "adversary_actions": setting.adversary_actions,
-        "victim_actions": setting.victim_actions,
-        "blind": table.blind,
-    }
+    names = (
+        "steps",
+        "retrain_steps",
+        "published_steps",
+        "budget_share",
+        "trained_physics",
+        "physics",
+        "victim",
+    )
+    shared: dict[str, Any] = {"table": table.number, "side": table.side, "setting": setting.label}
+    shared |= {name: getattr(setting, name) for name in (*names, "adversary_actions", "victim_actions")}
+    shared["blind"] = table.blind
     for cell in (cell for row in table.rows for cell in row):
         for name, figure in (("win", cell.win), ("win_or_tie", cell.win_or_tie)):
             yield {**shared, **_figure_row(cell, name, figure)}
 
 
 def _figure_row(cell: Cell, name: str, figure: Figure) -> Row:
-    measured, difference = figure.measured, figure.difference
-    numbers: dict[str, Any] = dict.fromkeys(
-        ("measured", "low", "high", "interval", "sd", "minimum", "maximum", "per_seed")
-    )
-    if measured is not None:
-        numbers = measured.model_dump()
-        numbers["measured"] = numbers.pop("value")
-        numbers["per_seed"] = _joined(measured.per_seed)
+    measured = {} if figure.measured is None else figure.measured.model_dump()
+    difference = {} if figure.difference is None else figure.difference.model_dump()
+    spread = ("low", "high", "interval", "sd", "minimum", "maximum")
     return {
         "game": cell.game,
         "column": cell.column,
         "share": name,
         "published": figure.published,
-        "measured": numbers.pop("measured"),
-        **numbers,
-        "difference": None if difference is None else difference.value,
-        "difference_low": None if difference is None else difference.low,
-        "difference_high": None if difference is None else difference.high,
+        "measured": measured.get("value"),
+        **{each: measured.get(each) for each in spread},
+        "per_seed": _joined(measured.get("per_seed", ())),
+        "difference": difference.get("value"),
+        "difference_low": difference.get("low"),
+        "difference_high": difference.get("high"),
         "verdict": figure.verdict,
         "seeds": cell.seeds,
         "seed_names": _joined(score.seed for score in cell.scores),
@@ -183,8 +176,8 @@ def _ablation_rows(ablation: Any, labels: Mapping[str, str]) -> Iterable[Row]:
             "setting": labels[ablation.setting],
             "win": row.cell.win.measured.value,
             "win_or_tie": row.cell.win_or_tie.measured.value,
-            "win_verdict": row.win_verdict,
-            "win_or_tie_verdict": row.win_or_tie_verdict,
+            "win_verdict": row.difference and row.difference.win_verdict,
+            "win_or_tie_verdict": row.difference and row.difference.win_or_tie_verdict,
             "seeds": row.cell.seeds,
             "episodes": row.cell.episodes,
             "imitator_error": row.imitator_error,

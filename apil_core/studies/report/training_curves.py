@@ -14,7 +14,7 @@ from apil_core.studies.report.grouping import Groups
 from apil_core.studies.report.models import CurvePanel, Diagnostics
 from apil_core.studies.report.settings import Key
 from apil_core.studies.report.sources import Run
-from apil_core.studies.report.table_models import Setting, Table
+from apil_core.studies.report.table_models import METRICS, Setting, Table
 from apil_core.training.storage.recorders import read_metrics
 
 POINTS = 150
@@ -79,16 +79,10 @@ def _readable(run: Run) -> bool:
 
 
 def _level(tables: Sequence[Table], setting: Setting, game: str) -> dict[str, float]:
-    for table in tables:
-        if table.number == 1 and table.setting == setting.id:
-            for own in (each for row in table.rows for each in row):
-                if (
-                    (own.game, own.column) == (game, BASELINE)
-                    and own.win.measured
-                    and own.win_or_tie.measured
-                ):
-                    win, either = own.win.measured.value, own.win_or_tie.measured.value
-                    return {"baseline_win": win, "baseline_win_or_tie": either}
+    own = (table for table in tables if table.number == 1 and table.setting == setting.id)
+    for cell in (each for table in own for row in table.rows for each in row):
+        if (cell.game, cell.column) == (game, BASELINE):
+            return {f"baseline_{m}": share.value for m in METRICS if (share := cell.share(m)) is not None}
     return {}
 
 

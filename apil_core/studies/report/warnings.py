@@ -30,6 +30,10 @@ _RARE = 0.01
 """Steps per game with non-opposite rewards below which Δr and r^α are the same objective."""
 
 
+def _of_cell(kind: str, text: str, setting: str | None, game: str, column: str) -> Warning:
+    return Warning(kind=kind, loud=False, text=text, setting=setting, game=game, column=column)
+
+
 def setting_warnings(settings: Sequence[Setting], tables: Sequence[Table]) -> Iterator[Warning]:
     """Warnings about every number of a setting; once if they apply to all."""
     scored = {table.setting for table in tables}
@@ -86,15 +90,11 @@ def tie_warnings(endings: Sequence[Endings], tables: Sequence[Table]) -> Iterato
         either = each.wins + each.ties
         if each.table in seeing and either >= _FEW and each.ties >= TIES * either:
             meaning = tie_meaning(each, [other for other in endings if other.game == each.game])
-            yield Warning(
-                kind="ties",
-                loud=False,
-                text=f"{each.column} in {each.game}: {100 * each.ties / either:.0f} % of win+tie are ties "
-                f"({each.wins} wins and {each.ties} ties of {each.episodes} games){meaning}.",
-                setting=each.setting,
-                game=each.game,
-                column=each.column,
+            text = (
+                f"{each.column} in {each.game}: {100 * each.ties / either:.0f} % of win+tie are ties "
+                f"({each.wins} wins and {each.ties} ties of {each.episodes} games){meaning}."
             )
+            yield _of_cell("ties", text, each.setting, each.game, each.column)
 
 
 def tie_meaning(own: Endings, game: Sequence[Endings]) -> str:
@@ -133,15 +133,11 @@ def attack_warnings(
         if key in shares and each.base == BASELINE and each.win_or_tie_verdict != "higher":
             low, high = percent(each.win_or_tie.low), percent(each.win_or_tie.high)
             how = "is within noise of" if each.win_or_tie.within_noise else "is below"
-            yield Warning(
-                kind="no attack",
-                loud=False,
-                text=f"{each.column} in {each.game} {how} the baseline adversary on win+tie "
-                f"({100 * each.win_or_tie.value:+.1f} points [{low}, {high}]).",
-                setting=each.setting,
-                game=each.game,
-                column=each.column,
+            text = (
+                f"{each.column} in {each.game} {how} the baseline adversary on win+tie "
+                f"({100 * each.win_or_tie.value:+.1f} points [{low}, {high}])."
             )
+            yield _of_cell("no attack", text, each.setting, each.game, each.column)
     comparable = {setting.id for setting in settings if setting.trained_physics == setting.physics}
     for (name, game, column), own in shares.items():
         setting = next(table.setting for table in tables if table.id == name)
@@ -150,15 +146,11 @@ def attack_warnings(
             continue  # curves are of training games: scores in other physics are no continuation of them
         steps, rate = start
         if compared(own, rate).low <= 0.0:
-            yield Warning(
-                kind="no attack",
-                loud=False,
-                text=f"{column} in {game} is not distinguishable on win+tie from its own beginning: "
-                f"{percent(own.value)} % against {percent(rate.value)} % until {amount(steps)} steps.",
-                setting=setting,
-                game=game,
-                column=column,
+            text = (
+                f"{column} in {game} is not distinguishable on win+tie from its own beginning: "
+                f"{percent(own.value)} % against {percent(rate.value)} % until {amount(steps)} steps."
             )
+            yield _of_cell("no attack", text, setting, game, column)
 
 
 def _start(panels: Sequence[CurvePanel], setting: str, game: str, method: str) -> tuple[int, Rate] | None:
@@ -183,14 +175,14 @@ def training_warnings(diagnostics: Sequence[Diagnostics]) -> Iterator[Warning]:
                 f"{method} in {game}: in {len(blind)} of {several(len(runs), 'run')} the imitator predicts "
                 f"the victim no better than the best constant action: {_times(blind)} times its error."
             )
-            yield Warning(kind="imitator", loud=False, text=text, setting=setting, game=game, column=method)
+            yield _of_cell("imitator", text, setting, game, method)
         rare = [run.facts[UNEVEN] for run in runs if run.facts.get(UNEVEN, 1.0) < _RARE]
         if rare and method != "adrl":
             text = (
                 f"{method} in {game}: the sides' rewards failed to be opposite in {max(rare):.3f} steps per "
                 "game at most, so Δr = r^α − r^ν says hardly more than r^α."
             )
-            yield Warning(kind="delta r", loud=False, text=text, setting=setting, game=game, column=method)
+            yield _of_cell("delta r", text, setting, game, method)
 
 
 def _times(values: Sequence[float]) -> str:
@@ -214,24 +206,14 @@ def source_warnings(
         for member in members:
             trained = member.score.trained_steps
             if trained is not None and trained < member.run.steps:
-                yield Warning(
-                    kind="stale",
-                    loud=False,
-                    text=f"{member.run.path}: score {member.name} is of {trained:,} steps, but the run has "
-                    f"gone on to {member.run.steps:,}.",
-                    setting=named[place.key].id,
-                    game=place.game,
-                    column=place.method,
+                text = (
+                    f"{member.run.path}: score {member.name} is of {trained:,} steps, but the run has gone "
+                    f"on to {member.run.steps:,}."
                 )
+                yield _of_cell("stale", text, named[place.key].id, place.game, place.method)
     for copy in groups.copies:
-        yield Warning(
-            kind="copies",
-            loud=False,
-            text=f"{copy.run.path}: score {copy.name} is left out, the same attack with the same seed is "
-            "there already.",
-            game=copy.run.config.env,
-            column=copy.run.config.method,
-        )
+        text = f"{copy.run.path}: score {copy.name} is left out, the same attack with the same seed is there."
+        yield _of_cell("copies", text, None, copy.run.config.env, copy.run.config.method)
     yield from _changed_options(groups, named)
     yield from _stand_ins(tables)
 
@@ -280,10 +262,5 @@ def _stand_ins(tables: Sequence[Table]) -> Iterator[Warning]:
     for game, name in sorted(found):
         own = spec.baseline_adversary if (spec := game_of(game)) else None
         if own not in (None, name):
-            yield Warning(
-                kind="baseline",
-                loud=False,
-                text=f"{game}: the baseline adversary is {name}; {own} is not on the machine that scored it.",
-                game=game,
-                column=BASELINE,
-            )
+            text = f"{game}: the baseline adversary is {name}; {own} is not on the machine that scored it."
+            yield _of_cell("baseline", text, None, game, BASELINE)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+MEASURES = {"win": "win", "win_or_tie": "win or tie", "return": "return", "imitator": "imitator’s error"}
+"""Names of the lines of learning curves, and of shares, on the page."""
+
 
 def amount(steps: int) -> str:
     """``35 M``, ``1.5 M``, ``300 k`` or ``512``."""

@@ -10,13 +10,10 @@ from apil_core.studies.curves.curves import IMITATOR, RETURN, WIN, WIN_OR_TIE, L
 from apil_core.studies.report.figures.palette import pen_of
 from apil_core.studies.report.figures.plot import Plot, level, listing, scale_top
 from apil_core.studies.report.models import CurvePanel, Diagnostics, RetrainingCurve
-from apil_core.studies.report.words import amount, percent
+from apil_core.studies.report.words import MEASURES, amount, percent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-MEASURES = {WIN: "win", WIN_OR_TIE: "win or tie", RETURN: "return", IMITATOR: "imitator's error"}
-"""Lines of learning curves, and their names on the page."""
 
 _AXES = {
     WIN: "games won by the adversary, %",

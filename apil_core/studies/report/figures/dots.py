@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from apil_core.common.charts import Pen, whisker
 from apil_core.studies.report.figures.palette import INK, NEUTRAL, pen_of, placeholder
@@ -12,14 +13,13 @@ from apil_core.studies.report.figures.plot import Plot, listing, scale_top, shor
 from apil_core.studies.report.models import Ablation
 from apil_core.studies.report.statistics import THRESHOLDS
 from apil_core.studies.report.table_models import Aggregate, Improvement, Profile
-from apil_core.studies.report.words import percent, several
+from apil_core.studies.report.words import MEASURES, percent, several
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Of = TypeVar("Of", Aggregate, Profile, Improvement)
 
-_METRICS = {"win": "win", "win_or_tie": "win or tie"}
 _WIN, _TIE = Pen(placeholder("line-0"), marker="o"), Pen(INK, marker="D")
 
 Ends = tuple[float, float, float]
@@ -30,101 +30,98 @@ def aggregate_dots(
     aggregates: Sequence[Aggregate], found: Mapping[str, Pen], settings: Mapping[str, str]
 ) -> list[Plot]:
     """Make one figure of interquartile means for each setting and metric, a row for each method."""
-    return [
-        _aggregates(g, found, settings.get(setting, "")) for (setting, _), g in _grouped(aggregates).items()
-    ]
+    return [_means(group, found, settings) for group in _grouped(aggregates)]
 
 
-def _aggregates(group: Sequence[Aggregate], found: Mapping[str, Pen], setting: str) -> Plot:
-    rows = []
-    for each in group:
-        low, high = (each.iqm if end is None else end for end in (each.low, each.high))
-        rows.append([((each.iqm, low, high), pen_of(found, each.column))])
-    metric, columns = _METRICS[group[0].metric], [each.column for each in group]
-    values = [(each.column, f"{percent(each.iqm)} %") for each in group]
-    return Plot(
-        lambda axis: draw_rows(axis, columns, rows),
-        title=f"Interquartile mean: {metric}",
-        alt=f"Interquartile mean over {several(len(group[0].games), 'game')}, {metric}: {listing(values)}.",
-        caption=setting,
-        facets={"measure": group[0].metric, "setting": group[0].setting},
-        height=0.5 + 0.26 * len(rows),
-    )
+def _means(group: Sequence[Aggregate], found: Mapping[str, Pen], settings: Mapping[str, str]) -> Plot:
+    ends = [(e.iqm, e.iqm if e.low is None else e.low, e.iqm if e.high is None else e.high) for e in group]
+    rows = [[(each, pen_of(found, of.column))] for each, of in zip(ends, group, strict=True)]
+    values = [(each.column, each.iqm) for each in group]
+    title = f"Interquartile mean over {several(len(group[0].games), 'game')}"
+    draw = partial(draw_rows, names=[short(each.column) for each in group], rows=rows)
+    return _plot(draw, group[0], title, values, settings, height=0.5 + 0.26 * len(group))
 
 
 def profile_plots(
     profiles: Sequence[Profile], found: Mapping[str, Pen], settings: Mapping[str, str]
 ) -> list[Plot]:
     """Make one figure of performance profiles for each setting and metric."""
-    plots = []
-    for (setting, metric), group in _grouped(profiles).items():
-        values = [(each.column, f"{percent(each.value[50])} %") for each in group]
-        plots.append(
-            Plot(
-                partial(_draw_profiles, group=group, found=found),
-                title=f"Performance profile: {_METRICS[metric]}",
-                alt=f"Share of runs above a {_METRICS[metric]} rate of 50 %: {listing(values)}.",
-                caption=_caption(settings.get(setting, ""), {each.column: each.runs for each in group}),
-                facets={"measure": metric, "setting": setting},
-            )
-        )
-    return plots
+    return [_profiles(group, found, settings) for group in _grouped(profiles)]
 
 
-def _draw_profiles(axis: Axes, group: Sequence[Profile], found: Mapping[str, Pen]) -> None:
-    scores = [100 * threshold for threshold in THRESHOLDS]
-    for each in group:
-        pen = pen_of(found, each.column)
-        value, low, high = ([100 * v for v in values] for values in (each.value, each.low, each.high))
-        axis.step(
-            scores, value, where="post", color=pen.colour, linestyle=pen.dashes, linewidth=1.8, zorder=3
-        )
-        axis.fill_between(scores, low, high, step="post", color=pen.colour, alpha=0.15, linewidth=0, zorder=2)
-    axis.set(xlim=(0, 100), ylim=(0, 102), ylabel="runs with a higher score, %")
-    axis.set_xlabel(f"{_METRICS[group[0].metric]} rate, %")
+def _profiles(group: Sequence[Profile], found: Mapping[str, Pen], settings: Mapping[str, str]) -> Plot:
+    def draw(axis: Axes) -> None:
+        scores = [100 * threshold for threshold in THRESHOLDS]
+        for each in group:
+            pen = pen_of(found, each.column)
+            value, low, high = ([100 * v for v in values] for values in (each.value, each.low, each.high))
+            line: dict[str, Any] = {
+                "color": pen.colour,
+                "linestyle": pen.dashes,
+                "linewidth": 1.8,
+                "zorder": 3,
+            }
+            axis.step(scores, value, where="post", **line)
+            axis.fill_between(scores, low, high, step="post", color=pen.colour, alpha=0.15, linewidth=0)
+        axis.set(xlim=(0, 100), ylim=(0, 102), ylabel="runs with a higher score, %")
+        axis.set_xlabel(f"{MEASURES[group[0].metric]}, % of games")
+
+    values, runs = [(e.column, e.value[50]) for e in group], {e.column: e.runs for e in group}
+    return _plot(draw, group[0], "Performance profile", values, settings, runs, "runs above 50 %, ")
 
 
 def improvement_dots(
     improvements: Sequence[Improvement], found: Mapping[str, Pen], settings: Mapping[str, str]
 ) -> list[Plot]:
     """Make one figure of probabilities of improvement for each setting and metric, a row for each pair."""
-    plots = []
-    for (setting, metric), group in _grouped(improvements).items():
-        values = [(f"{each.column} over {each.base}", f"{percent(each.value)} %") for each in group]
-        runs = {each.base: each.base_runs for each in group} | {each.column: each.runs for each in group}
-        plots.append(
-            Plot(
-                partial(_draw_improvements, group=group, found=found),
-                title=f"Probability of improvement: {_METRICS[metric]}",
-                alt=f"Probability that a run scores higher, {_METRICS[metric]}: {listing(values)}.",
-                caption=_caption(settings.get(setting, ""), runs),
-                facets={"measure": metric, "setting": setting},
-                height=0.5 + 0.26 * len(group),
-            )
-        )
-    return plots
+    return [_improvements(group, found, settings) for group in _grouped(improvements)]
 
 
-def _draw_improvements(axis: Axes, group: Sequence[Improvement], found: Mapping[str, Pen]) -> None:
-    names = [f"{short(each.column)} over {short(each.base)}" for each in group]
-    rows = [[((each.value, each.low, each.high), pen_of(found, each.column))] for each in group]
-    draw_rows(axis, names, rows)
-    axis.set_xlim(-2, 102)
-    axis.axvline(50, color=NEUTRAL, linestyle="--", linewidth=1.2, zorder=1)
+def _improvements(
+    group: Sequence[Improvement], found: Mapping[str, Pen], settings: Mapping[str, str]
+) -> Plot:
+    def draw(axis: Axes) -> None:
+        rows = [[((each.value, each.low, each.high), pen_of(found, each.column))] for each in group]
+        draw_rows(axis, [f"{short(each.column)} over {short(each.base)}" for each in group], rows)
+        axis.set_xlim(-2, 102)
+        axis.axvline(50, color=NEUTRAL, linestyle="--", linewidth=1.2, zorder=1)
+
+    values = [(f"{each.column} over {each.base}", each.value) for each in group]
+    runs = {each.base: each.base_runs for each in group} | {each.column: each.runs for each in group}
+    height = 0.5 + 0.26 * len(group)
+    return _plot(draw, group[0], "Probability of improvement", values, settings, runs, height=height)
 
 
-def _caption(setting: str, runs: Mapping[str, int]) -> str:
-    return " ".join(
-        [f"{setting}."] * bool(setting) + [f"Runs: {', '.join(f'{n} {c}' for n, c in runs.items())}."]
+def _plot(
+    draw: Callable[[Axes], None],
+    first: Aggregate | Profile | Improvement,
+    title: str,
+    values: Sequence[tuple[str, float]],
+    settings: Mapping[str, str],
+    runs: Mapping[str, int] = MappingProxyType({}),
+    what: str = "",
+    height: float = 2.7,
+) -> Plot:
+    """A figure of one setting and metric; ``values`` are those of its alternative text."""
+    metric, setting = MEASURES[first.metric], settings.get(first.setting, "")
+    behind = f"Runs: {', '.join(f'{name} {count}' for name, count in runs.items())}." if runs else ""
+    shares = listing([(name, f"{percent(value)} %") for name, value in values])
+    return Plot(
+        draw,
+        title=f"{title}: {metric}",
+        alt=f"{title}, {metric}: {what}{shares}.",
+        caption=". ".join(filter(None, (setting, behind))),
+        facets={"measure": first.metric, "setting": first.setting},
+        height=height,
     )
 
 
-def _grouped(items: Sequence[Of]) -> dict[tuple[str, str], list[Of]]:
+def _grouped(items: Sequence[Of]) -> list[list[Of]]:
     """By setting and metric."""
     groups: dict[tuple[str, str], list[Of]] = {}
     for each in items:
         groups.setdefault((each.setting, each.metric), []).append(each)
-    return groups
+    return list(groups.values())
 
 
 def ablation_dots(ablations: Sequence[Ablation], settings: Mapping[str, str]) -> list[Plot]:
@@ -137,7 +134,7 @@ def _ablation(ablation: Ablation, settings: Mapping[str, str]) -> Plot | None:
     for row in ablation.rows:
         win, tie = row.cell.win.measured, row.cell.win_or_tie.measured
         if win is not None and tie is not None:
-            names.append(row.value)
+            names.append(short(row.value))
             rows.append(
                 [((share.value, share.low, share.high), pen) for share, pen in ((tie, _TIE), (win, _WIN))]
             )
@@ -155,12 +152,12 @@ def _ablation(ablation: Ablation, settings: Mapping[str, str]) -> Plot | None:
 
 
 def draw_rows(axis: Axes, names: Sequence[str], rows: Sequence[Sequence[tuple[Ends, Pen]]]) -> None:
-    """Draw a row for each name with its shares in per cent, the first on top."""
+    """Draw a row for each (short) name with its shares in per cent, the first on top."""
     for i, row in enumerate(rows):
         for ends, pen in row:
             whisker(axis, i, ends, pen, factor=100.0, level=True, markersize=7)
     highest = max(ends[2] for row in rows for ends, _ in row)
     axis.set(xlim=(0, scale_top(100 * highest)), ylim=(len(rows) - 0.5, -0.5))
-    axis.set_yticks(range(len(names)), [short(name) for name in names])
+    axis.set_yticks(range(len(names)), names)
     axis.xaxis.set_major_formatter("{x:g} %")
     axis.grid(axis="y", visible=False)
