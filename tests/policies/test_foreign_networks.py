@@ -79,13 +79,6 @@ def test_a_network_that_reads_its_opponent(tmp_path: Path, suffix: str) -> None:
         load_policy(save(Plain(), tmp_path / f"net2{suffix}", told), seat=seat())
 
 
-@pytest.mark.parametrize("suffix", [".pt2", ".onnx"])
-def test_a_fixed_number_of_games_is_told(tmp_path: Path, suffix: str) -> None:
-    name = save(Plain(), tmp_path / f"net{suffix}", games=1)
-    with pytest.raises(VictimError, match=r"expected any number of games .*dynamic_shapes.* found a fixed 1"):
-        load_policy(name, seat=seat())
-
-
 @pytest.mark.parametrize(
     ("suffix", "expected"),
     [

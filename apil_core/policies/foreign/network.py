@@ -5,9 +5,11 @@ A network takes its inputs, then its states, and returns its action, then its ne
     forward(observation, *states) -> (action, *states)
     forward(observation, *states) -> (mean, log_std, *states)
 
-All float32: observation (n, o), action and mean (n, a), log_std (a,) or (n, a), each state (n, k).
-With one action, a second output (n, 1) that depends on the observation may be a value as well: it is refused
-unless the :class:`Signature` gives ``log_std``. States are zero where a game starts. Deviations from
+All float32: observation (n, o), action and mean (n, a), log_std (a,) or (n, a), each state (n, k) or
+(layers, n, k). A choice among k actions may be an integer, (n,). Of (action, value (n, 1), log_prob (n,)),
+which Stable-Baselines3's recipe exports, the action counts. With one action, a second output (n, 1) that
+depends on the observation may be a value as well: it is refused unless the :class:`Signature` gives
+``log_std``. States are zero where a game starts. Deviations from
 ``forward(observation)`` are declared by a :class:`Signature`, JSON stored in the file.
 """
 
@@ -16,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from math import prod
 from typing import Annotated, Any, Literal
 
 import torch
@@ -26,6 +29,7 @@ from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.api.types import Decision, DiagonalGaussian, View
 from apil_core.common.errors import ApilError, VictimError, failures, reason_of
+from apil_core.policies.foreign.batch import Batch, Call, State
 from apil_core.policies.foreign.origin import Origin
 from apil_core.policies.recurrent_state import Memory
 
@@ -33,7 +37,6 @@ SIGNATURE_FILE = "apil.json"
 """Name of the signature in archives, and its key in ONNX's metadata."""
 
 Reads = Literal["observation", "opponent", "opponent_action", "first"]
-Call = Callable[[list[Tensor]], Any]
 
 
 class Signature(BaseModel):
@@ -43,7 +46,7 @@ class Signature(BaseModel):
         reads: inputs before the states, in order: ``observation``, ``opponent`` (the other side's),
             ``opponent_action`` (only for the second mover), ``first`` (n, 1): 1 where a game starts.
         gives: outputs before the states, where they would be ambiguous.
-        state: widths of the states.
+        state: of each state the width, or layers and width.
         observation_size, action_size: of the side it plays.
         action_bounds: lowest and highest action; a seat must have the same.
         provenance: origin, as text.
@@ -53,7 +56,7 @@ class Signature(BaseModel):
 
     reads: Annotated[tuple[Reads, ...], Field(min_length=1)] = ("observation",)
     gives: tuple[Literal["mean"], Literal["log_std"]] | None = None
-    state: tuple[Annotated[int, Field(gt=0)], ...] = ()
+    state: tuple[State, ...] = ()
     observation_size: int | None = Field(default=None, gt=0)
     action_size: int | None = Field(default=None, gt=0)
     action_bounds: tuple[float, float] | None = None
@@ -74,14 +77,14 @@ class Signature(BaseModel):
             raise VictimError(f"{name}: its {SIGNATURE_FILE} is wrong: {key}: {first['msg']}") from None
 
 
-def refuse_values(name: str, outputs: Sequence[str]) -> None:
-    """Refuse a network with an output that is called a value.
+def refuse_values(name: str, outputs: Sequence[str], states: int) -> None:
+    """Refuse a network with an output that is called a value, unless it is one of three before the states.
 
     Raises:
         VictimError: there is one.
     """
     for output in outputs:
-        if "value" in output.lower():
+        if "value" in output.lower() and len(outputs) - states != 3:
             raise VictimError(f"{name}: expected an action, or mean and log_std, found an output {output!r}")
 
 
@@ -90,10 +93,11 @@ class NetworkPolicy(Policy):
 
     Args:
         origin: name and hash.
-        call: the network, on the CPU.
+        call: the network, on the CPU, for any number of games.
         signature: its inputs and states.
         seat: of the policy; gives the sizes if the network does not state its own.
         move: moves the network to a device; ``None``: it stays on the CPU, and tensors are copied.
+        alone: the network for one game, where ``call`` may not take several: see :class:`Batch`.
 
     Raises:
         VictimError: it cannot be called with its seat's observations, or does not return actions.
@@ -106,13 +110,17 @@ class NetworkPolicy(Policy):
         signature: Signature,
         seat: SideLayout | None,
         move: Callable[[torch.device], object] | None = None,
+        alone: Call | None = None,
     ):
         self.signature = signature
-        self._call = call
+        self.batch = Batch(self._ask, call, alone, len(signature.reads), signature.state)
+        self._choices = seat.action_size if seat and seat.discrete else 0
         self._move = move
         self._device = self._home = torch.device("cpu")  # of the network; of views and states
         self._memory = Memory(origin.name)
-        self._widths = {f"state_{i}": width for i, width in enumerate(signature.state)}
+        self._widths = {
+            f"state_{i}": prod(k) if isinstance(k, tuple) else k for i, k in enumerate(signature.state)
+        }
         observations = signature.observation_size or (seat.observation_size if seat else None)
         if observations is None:
             raise VictimError(f"{origin.name} does not state its sizes: say which seat it is for (seat=…)")
@@ -152,10 +160,12 @@ class NetworkPolicy(Policy):
         """See :meth:`apil_core.Policy.act`; hidden layers are not known."""
         state = self._memory.begin(view.first, partial(self._start, view.own.device)) if self._widths else {}
         inputs = [self._input(name, view) for name in self.signature.reads]
-        outputs = self._ask([tensor.to(self._device) for tensor in [*inputs, *state.values()]])
+        outputs = self.batch([tensor.to(self._device) for tensor in [*inputs, *state.values()]])
         outputs = [output.to(view.own.device) for output in outputs]
         count = len(outputs) - len(state)
         self._memory.rows = dict(zip(state, outputs[count:], strict=True))
+        if self._choices and not outputs[0].is_floating_point():
+            outputs[0] = self._scores(outputs[0])
         layers: dict[str, Tensor] | None = {} if activations else None
         if count == 1:
             return Decision(outputs[0], None, layers)
@@ -184,18 +194,32 @@ class NetworkPolicy(Policy):
     def _start(self, device: torch.device, games: int) -> dict[str, Tensor]:
         return {name: torch.zeros(games, width, device=device) for name, width in self._widths.items()}
 
-    def _ask(self, inputs: list[Tensor]) -> list[Tensor]:
-        shapes = ", ".join(str(tuple(tensor.shape)) for tensor in inputs)
+    def _scores(self, choice: Tensor) -> Tensor:
+        """Scores (n, k) of a choice (n, 1): 1 for it, 0 for the others."""
+        scores = (choice == torch.arange(self._choices, device=choice.device)).float()
+        if not scores.any(1).all():
+            raise VictimError(
+                f"{self.info.name}: expected one of {self._choices} choices, got {choice.max()}"
+            )
+        return scores
+
+    def _ask(self, call: Call, inputs: list[Tensor]) -> list[Tensor]:
+        """The checked outputs of one call."""
         try:
-            answer = self._call(inputs)
+            answer = call(inputs)
         except ApilError:
             raise
         except failures() as error:  # any exception of the network's runtime
+            shapes = ", ".join(str(tuple(tensor.shape)) for tensor in inputs)
             raise VictimError(f"{self.info.name} fails on inputs {shapes}: {reason_of(error)}") from error
-        refuse_values(self.info.name, getattr(answer, "_fields", ()))
         outputs = [answer] if isinstance(answer, Tensor) else answer
         states = len(self.signature.state)
+        refuse_values(self.info.name, getattr(answer, "_fields", ()), states)
         right = isinstance(outputs, (list, tuple)) and all(isinstance(part, Tensor) for part in outputs)
+        if right and len(outputs) - states == 3 and not self.signature.gives:
+            _, value, log_prob, *rest = outputs
+            if value.shape == (*log_prob.shape, 1):
+                outputs = [outputs[0], *rest]
         if not right or len(outputs) - states not in (1, 2):
             got = f"{len(outputs)}" if right else type(answer).__name__
             raise VictimError(

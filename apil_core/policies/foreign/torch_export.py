@@ -20,8 +20,10 @@ from apil_core.api.game import SideLayout
 from apil_core.api.policy import Policy
 from apil_core.common.errors import reason_of
 from apil_core.policies.foreign.archive import read_archive, rebuilt
+from apil_core.policies.foreign.batch import check_shape, states_in
 from apil_core.policies.foreign.network import SIGNATURE_FILE, NetworkPolicy, Signature
 from apil_core.policies.foreign.origin import Origin
+from apil_core.policies.foreign.state_inside import state_outside
 
 KIND = "an archive of torch.export.save"
 
@@ -45,29 +47,35 @@ def load(name: str, *, seat: SideLayout | None) -> Policy:
     """The network in that file; see :mod:`apil_core.policies.foreign.network` for what it takes and gives.
 
     Raises:
-        VictimError: there is no such file, it is no such archive, its number of games is fixed, or it
-            holds what a network of tensor operators does not need.
+        VictimError: there is no such file, it is no such archive, its number of games is fixed to more than
+            one, or it holds what a network of tensor operators does not need.
     """
     origin = Origin.of("torch-export", name)
     content = read_archive(origin, KIND)
     if _MODEL not in content or any(part not in content for part in _PAYLOADS):
         raise origin.wrong(f"{KIND} with one model", "an archive without it")
     signature = Signature.read(content.get(f"extra/{SIGNATURE_FILE}"), origin.name)
-    archive = rebuilt({_MODEL: _graph(origin, content), **_payloads(origin, content)})
-    network = _open(origin, archive)
-    return NetworkPolicy(origin, lambda inputs: network(*inputs), signature, seat, move=network.to)
+    graph, shapes = _graph(origin, content)
+    if not signature.state:
+        signature = signature.model_copy(update={"state": states_in(shapes[len(signature.reads) :])})
+    network = _open(origin, rebuilt({_MODEL: graph, **_payloads(origin, content)}))
+
+    def call(inputs: list[torch.Tensor]) -> Any:
+        return network(*inputs)
+
+    outside, signature = state_outside(origin, network, call, signature, seat)
+    return NetworkPolicy(origin, outside, signature, seat, move=network.to, alone=outside)
 
 
-def _graph(origin: Origin, content: Mapping[str, bytes]) -> bytes:
-    """The graph as JSON, checked."""
+def _graph(origin: Origin, content: Mapping[str, bytes]) -> tuple[bytes, list[list[Any]]]:
+    """The graph as JSON, checked, and the shapes of its inputs."""
     parsed = _parsed(origin, content, _MODEL)
     try:
         graph = _without(parsed, _DROPPED)
         for place, key, value in _strings(graph):
             if not _harmless(key, value):
                 raise origin.wrong("a network of tensor operators", f"{value[:80]!r} at {place} of {_MODEL}")
-        _check_games(origin, graph)
-        return json.dumps(graph).encode()
+        return json.dumps(graph).encode(), _shapes(origin, graph)
     except RecursionError as error:
         raise origin.wrong(f"a network of tensor operators in {_MODEL}", "JSON nested too deeply") from error
 
@@ -137,22 +145,20 @@ def _is_nesting(text: str) -> bool:
         return False
 
 
-def _check_games(origin: Origin, graph: Any) -> None:
-    """The first axis of the network's inputs, the games, must be free."""
+def _shapes(origin: Origin, graph: Any) -> list[list[Any]]:
+    """Shapes of the network's inputs; a size that is free is no int."""
     try:
         inside = graph["graph_module"]
         specs = [spec["user_input"] for spec in inside["signature"]["input_specs"] if "user_input" in spec]
         names = [spec["arg"]["as_tensor"]["name"] for spec in specs]
-        games = [dict(inside["graph"]["tensor_values"][name]["sizes"][0]) for name in names]
+        values = [inside["graph"]["tensor_values"][name]["sizes"] for name in names]
+        shapes = [[dict(size).get("as_int") for size in sizes] for sizes in values]
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise origin.wrong("a network that takes tensors (n, k)", reason_of(error)) from error
-    for name, size in zip(names, games, strict=True):
-        if "as_int" in size:
-            raise origin.wrong(
-                f"any number of games in input {name!r} (torch.export.export(…, dynamic_shapes="
-                "({0: torch.export.Dim('n')},)))",
-                f"a fixed {size['as_int']}",
-            )
+    for name, shape in zip(names, shapes, strict=True):
+        remedy = "torch.export.export(…, dynamic_shapes=({0: torch.export.Dim('n')},))"
+        check_shape(origin, name, shape, remedy)
+    return shapes
 
 
 def _payloads(origin: Origin, content: Mapping[str, bytes]) -> dict[str, bytes]:

@@ -20,6 +20,7 @@ from apil_core.common.errors import reason_of
 from apil_core.policies.foreign.archive import read_archive, rebuilt
 from apil_core.policies.foreign.network import SIGNATURE_FILE, NetworkPolicy, Signature
 from apil_core.policies.foreign.origin import Origin
+from apil_core.policies.foreign.state_inside import state_outside
 
 KIND = "a TorchScript archive (torch.jit.save)"
 
@@ -34,7 +35,8 @@ def load(name: str, *, seat: SideLayout | None) -> Policy:
     """The network in that file; see :mod:`apil_core.policies.foreign.network` for what it takes and gives.
 
     Raises:
-        VictimError: there is no such file, it is no TorchScript archive, or its code accesses files.
+        VictimError: there is no such file, it is no TorchScript archive, its code accesses files, or it
+            keeps state between calls that cannot be kept for each game.
     """
     origin = Origin.of("torchscript", name)
     content = read_archive(origin, KIND)
@@ -48,7 +50,8 @@ def load(name: str, *, seat: SideLayout | None) -> Policy:
         except RuntimeError as error:  # the interpreter's traceback comes first, the reason last
             raise RuntimeError(str(error).strip().splitlines()[-1].removeprefix("RuntimeError: ")) from error
 
-    return NetworkPolicy(origin, call, signature, seat, move=network.to)
+    outside, signature = state_outside(origin, network, call, signature, seat)
+    return NetworkPolicy(origin, outside, signature, seat, move=network.to, alone=outside)
 
 
 def _check(origin: Origin, content: Mapping[str, bytes]) -> None:
