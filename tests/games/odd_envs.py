@@ -70,6 +70,55 @@ class Race(ParallelEnv):
         return self._see(), rewards, terminations, dict.fromkeys(self.possible_agents, late), infos
 
 
+class Masked(ParallelEnv):
+    """Both choose one of four, of which a mask allows some; ``"first"`` may choose nothing every third step.
+
+    A choice that its mask forbids is an error. Whose choices add up to more wins.
+    """
+
+    metadata = {"name": "masked"}
+
+    def __init__(self, choices: int = 4, actions: Any = None):
+        self.possible_agents = ["first", "second"]
+        self.agents: list[str] = []
+        self._action = Box(-1, 1, (4,)) if actions == "box" else Discrete(4)
+        self._space = Dict({"action_mask": MultiBinary(choices), "observation": Box(0, 1, (2,))})
+
+    def observation_space(self, agent: str) -> Any:
+        return self._space
+
+    def action_space(self, agent: str) -> Any:
+        return self._action
+
+    def _see(self) -> dict[str, Any]:
+        self.masks = {agent: self.random.integers(0, 2, 4).astype(np.int8) for agent in self.possible_agents}
+        self.masks["second"][self.time % 4] = 1
+        if self.time % 3 == 2:
+            self.masks["first"][:] = 0
+        seen = self.random.random((2, 2)).astype(np.float32)
+        return {
+            agent: {"action_mask": self.masks[agent], "observation": row}
+            for agent, row in zip(self.possible_agents, seen, strict=True)
+        }
+
+    def reset(self, seed: int | None = None, options: Any = None) -> Any:
+        self.random = np.random.default_rng(seed)
+        self.time = 0
+        self.agents = list(self.possible_agents)
+        return self._see(), {agent: {} for agent in self.agents}
+
+    def step(self, actions: dict[str, Any]) -> Any:
+        for agent, mask in self.masks.items():
+            if mask.any() and not mask[actions[agent]]:
+                raise ValueError(f"{agent} chose {actions[agent]}, which is forbidden")
+        self.time += 1
+        late = self.time >= 12
+        self.agents = [] if late else self.agents
+        rewards = {agent: float(action) for agent, action in actions.items()}
+        none = dict.fromkeys(self.possible_agents, False)
+        return self._see(), rewards, none, dict.fromkeys(none, late), {agent: {} for agent in none}
+
+
 class Scripted(ParallelEnv):
     """Two agents of which nothing matters but what ``plan`` says: what to return in each step.
 

@@ -23,18 +23,23 @@ from apil_core import (
     PluginError,
     make_game,
 )
-from apil_core.games.pettingzoo.spaces import Scaled, Scores
+from apil_core.games.pettingzoo.spaces import Scaled, Scores, Seat
 from apil_core.testing.game_checks import CHECKS
 from apil_core.testing.game_play import Play, Trial, same
-from games.odd_envs import Race, Scripted
+from games.odd_envs import Masked, Race, Scripted
 
 RACE = "pettingzoo:games.odd_envs:Race"
+MASKED = "pettingzoo:games.odd_envs:Masked"
 SCRIPTED = "pettingzoo:games.odd_envs:Scripted"
 PUSH = "pettingzoo:mpe2.simple_push_v3:parallel_env"
 
 
 def race(num_envs: int, threads: int = 1) -> Game:
     return make_game(RACE, num_envs=num_envs, threads=threads)
+
+
+def masked(num_envs: int, threads: int = 1) -> Game:
+    return make_game(MASKED, num_envs=num_envs, threads=threads)
 
 
 def simple_push(num_envs: int, threads: int = 1) -> Game:
@@ -72,7 +77,7 @@ def ending(game: Game, steps: int) -> tuple[str, int, list[float]]:
 
 
 @pytest.mark.parametrize("check", [name for name in CHECKS if name != "views"])
-@pytest.mark.parametrize("make", [race, simple_push])
+@pytest.mark.parametrize("make", [race, simple_push, masked])
 def test_the_contract_of_games(check: str, make: Callable[..., Game]) -> None:
     trial = Trial(make.__name__, make)
     CHECKS[check](trial)
@@ -220,6 +225,24 @@ def test_scores_have_no_bound_and_large_ones_do_not_tie() -> None:
     )
 
 
+def test_a_choice_that_the_mask_forbids_is_never_taken() -> None:
+    """The environment itself fails on one; the best of those allowed is taken."""
+    space = Masked().observation_space("first")
+    seat = Seat.of("first", space, Discrete(4))
+    assert seat.layout(()).blocks == {"action_mask": slice(0, 4), "observation": slice(4, 6)}
+    masks = np.array([[1, 1, 1, 1], [1, 0, 0, 1], [0, 1, 0, 0], [0, 0, 0, 0]], np.float32)
+    observations = np.concatenate([masks, np.ones((4, 2), np.float32)], axis=1)
+    scores = np.tile(np.array([[-8, -9, 5, -7]], np.float32), (4, 1))
+    assert seat.native(scores, observations).tolist() == [2, 3, 1, 2]
+    game = masked(8)
+    game.seed(1)
+    game.reset()
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        first, second = rng.normal(size=(2, 8, 4)).astype(np.float32)
+        game.reset(game.step((first, second)).done)
+
+
 @pytest.mark.parametrize("choice", [0, 1, 2])
 def test_views_show_scores_as_the_choice_they_are(choice: int) -> None:
     view = ParallelGameEnv(race(1))
@@ -334,6 +357,8 @@ def test_time_up_without_a_word_is_a_tie() -> None:
         (RACE, {"lenght": 3}, "cannot be made: TypeError: .*'lenght'"),
         (SCRIPTED, {"agents": ["a", "b", "c"]}, "two agents, this one 3: a, b, c"),
         (SCRIPTED, {"actions": "multi"}, "agent 'a': actions must be a Box or Discrete"),
+        (MASKED, {"choices": 3}, r"agent 'first': its action_mask has 3 numbers, .* Discrete\(4\) 4 choices"),
+        (MASKED, {"actions": "box"}, "agent 'first': its action_mask has 4 numbers, .* 0 choices"),
         (SCRIPTED, {"actions": "endless"}, "agent 'a': actions need finite bounds"),
         (SCRIPTED, {"plan": {2: {"raise": "kaputt"}}}, "a first trial failed: KeyError: 'kaputt'"),
     ],

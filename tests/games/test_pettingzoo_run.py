@@ -54,7 +54,26 @@ def test_a_run_is_a_victim_whatever_is_blinded(mode: BlindMode, tmp_path: Path) 
     assert (score.episodes, score.victim_side, score.blind, score.blind_victim) == (6, "cart", mode, mode)
 
 
+def test_a_run_with_action_masks_resumes_bit_for_bit(tmp_path: Path) -> None:
+    masked = {"env": "pettingzoo:games.odd_envs:Masked", "victim": "random"}
+    run(short(**masked), out=tmp_path / "whole")
+    run(short(**masked, steps=2 * 96), out=tmp_path / "parts")
+    resume(tmp_path / "parts", steps=4 * 96)
+    assert differences(final_state(tmp_path / "whole"), final_state(tmp_path / "parts")) == []
+
+
 # --- names
+
+
+def test_a_game_without_a_victim_says_what_to_type(tmp_path: Path) -> None:
+    expected = (
+        r"has no default victim; name one for its cart \(5 observations, 2 actions\) with --victim NAME, "
+        "or try `--victim zero` .* or `--victim random` "
+    )
+    with pytest.raises(ConfigError, match=expected):
+        run(short(victim="auto"), out=tmp_path)
+    with pytest.raises(ConfigError, match=r"its hare \(4 observations, 3 actions\)"):
+        run(short(victim="auto", victim_side=1), out=tmp_path)
 
 
 def test_every_name_of_the_family_is_a_game(registry: PluginRegistry) -> None:

@@ -49,9 +49,9 @@ class PettingZooGame(Game):
         self._maker = maker = Maker.find(target, options.kwargs)
         seats = self._look(maker)
         self.layout = self._layout(seats, options)
-        self._actions = tuple(seat.actions for seat in seats)
+        self._seats = seats
         self._bundles = Bundles(maker, seats, num_envs, threads)
-        self._history = History(num_envs, self._actions)
+        self._history = History(num_envs, [seat.actions for seat in seats])
         self._clock = np.zeros(num_envs, np.int32)
         self._over = np.ones(num_envs, bool)
         self._totals = np.zeros((2, num_envs))
@@ -194,7 +194,8 @@ class PettingZooGame(Game):
         return GameLayout((first, second), options.max_steps, CAUSES)
 
     def _native(self, actions: tuple[Array, Array]) -> tuple[Array, Array]:
-        first, second = (kind.native(given) for kind, given in zip(self._actions, actions, strict=True))
+        parts = zip(self._seats, actions, self._observations, strict=True)
+        first, second = (seat.native(given, seen) for seat, given, seen in parts)
         return first, second
 
     def _take(self, shown: dict[str, Array], rows: Array) -> None:

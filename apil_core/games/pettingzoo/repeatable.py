@@ -36,13 +36,15 @@ def _played(env: ParallelEnv, seats: tuple[Seat, Seat]) -> list[Array]:
             f"after reset() its 'agents' lack {missing[0]!r}: both must be there until they leave"
         )
     trace = [_seen(seat, observations) for seat in seats]
+    seen = {seat.agent: flat for seat, flat in zip(seats, trace, strict=True)}
     for _ in range(STEPS):
         actions = {}
         for seat in seats:
             given = rng.uniform(-1, 1, (1, seat.actions.size))  # of scores only the order matters
-            actions[seat.agent] = seat.actions.single(seat.actions.native(given)[0])
+            actions[seat.agent] = seat.actions.single(seat.native(given, seen[seat.agent])[0])
         observations, rewards, terminations, truncations, infos = env.step(actions)
-        trace += [_seen(seat, observations) for seat in seats if seat.agent in observations]
+        seen |= {seat.agent: _seen(seat, observations) for seat in seats if seat.agent in observations}
+        trace += [seen[seat.agent] for seat in seats if seat.agent in observations]
         trace.append(numbers([[rewards.get(seat.agent, 0.0) for seat in seats]], seats))
         said_winner(infos, seats)
         if any(terminations.values()) or any(truncations.values()) or len(env.agents) < 2:

@@ -211,30 +211,51 @@ class Seat:
         space: of its observations.
         columns: flattening of its observations.
         actions: conversion of its actions.
+        mask: columns of its flat observation with its ``action_mask``, if it has one.
     """
 
     agent: str
     space: Space[Any]
     columns: Columns
     actions: Actions
+    mask: slice | None = None
 
     @classmethod
     def of(cls, agent: str, observation: Space[Any], action: Space[Any]) -> Seat:
         """Read an agent's spaces.
 
         Raises:
-            ConfigError: a space is of an unsupported type.
+            ConfigError: a space is of an unsupported type, or an action mask not of its choices.
         """
         if not observation.is_np_flattenable:
             raise ConfigError(f"agent {agent!r}: observations of {observation} cannot be made flat")
         columns = Columns(agent, observation)
+        mask = _blocks(observation).get("action_mask")
+        choices = int(action.n) if isinstance(action, Discrete) else 0
+        if mask is not None and mask.stop - mask.start != choices:
+            raise ConfigError(
+                f"agent {agent!r}: its action_mask has {mask.stop - mask.start} numbers, its action space "
+                f"{action} {choices} choices"
+            )
         if isinstance(action, Discrete):
-            return cls(agent, observation, columns, Scores(action))
+            return cls(agent, observation, columns, Scores(action), mask)
         if not isinstance(action, Box):
             raise ConfigError(f"agent {agent!r}: actions must be a Box or Discrete, these are {action}")
         if not action.is_bounded("both"):
             raise ConfigError(f"agent {agent!r}: actions need finite bounds, these are {action}")
         return cls(agent, observation, columns, Scaled(action))
+
+    def native(self, actions: Array, observations: Array) -> Array:
+        """The environment's actions, (n, …), of which none is forbidden by its mask.
+
+        Args:
+            actions: (n, a).
+            observations: what they answer, (n, size); a mask of zeros only forbids nothing.
+        """
+        if self.mask is not None:
+            legal = observations[:, self.mask] > 0
+            actions = np.where(legal | ~legal.any(1, keepdims=True), actions, -np.inf)
+        return self.actions.native(actions)
 
     @property
     def size(self) -> int:
@@ -252,13 +273,17 @@ class Seat:
             raise ConfigError(f"opponent_channels.{self.agent}: {outside[0]} is outside 0–{self.size - 1}")
         channels = tuple(sorted(set(opponent_channels)))
         bound = self.actions.bound
-        return SideLayout(self.agent, self.size, self.actions.size, -bound, bound, self._blocks(), channels)
+        return SideLayout(
+            self.agent, self.size, self.actions.size, -bound, bound, _blocks(self.space), channels
+        )
 
-    def _blocks(self) -> dict[str, slice]:
-        parts = self.space.spaces if isinstance(self.space, Dict) else {"observation": self.space}
-        blocks: dict[str, slice] = {}
-        start = 0
-        for name, space in parts.items():
-            blocks[str(name)] = slice(start, start + flatdim(space))
-            start += flatdim(space)
-        return blocks
+
+def _blocks(space: Space[Any]) -> dict[str, slice]:
+    """Named parts of a flat observation."""
+    parts = space.spaces if isinstance(space, Dict) else {"observation": space}
+    blocks: dict[str, slice] = {}
+    start = 0
+    for name, part in parts.items():
+        blocks[str(name)] = slice(start, start + flatdim(part))
+        start += flatdim(part)
+    return blocks
