@@ -86,7 +86,7 @@ def improvements(tables: Sequence[Table]) -> list[Improvement]:
 def _over_games(tables: Sequence[Table]) -> Iterator[tuple[str, Metric, Columns]]:
     """Every setting's table 1, over the games in which all columns were measured: two, or two runs of one."""
     for table in tables:
-        present = {c.column for row in table.rows for c in row if c.scores and not c.replayed}
+        present = {each.column for each in table.cells if not each.replayed}
         rows = [row for row in table.rows if present <= {each.column for each in row if each.scores}]
         if table.number == 1 and (len(rows) > 1 or any(each.seeds > 1 for row in rows for each in row)):
             columns = {

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Literal
 
-from apil_core.studies.bench.matrix import BASELINE as BASELINE
+from apil_core.studies.bench.matrix import BASELINE
 from apil_core.studies.report.cells import cell, make_table, method_difference, seed_score, seed_scores
 from apil_core.studies.report.grouping import Groups
 from apil_core.studies.report.labels import cell_marks
@@ -15,8 +14,6 @@ from apil_core.studies.report.published import published
 from apil_core.studies.report.settings import Key
 from apil_core.studies.report.sources import Sources
 from apil_core.studies.report.table_models import Cell, MethodDifference, Setting, Table
-
-_TITLES = {1: "Adversaries against the victim", 2: "Blinded adversaries against the victim"}
 
 
 def columns_of(sources: Sources) -> list[str]:
@@ -45,8 +42,7 @@ def attack_tables(
             filled = {cell.column for row in rows for cell in row if cell.scores}
             shown = [column for column in shown if column in filled or column not in labels]
             rows = [[cell for cell in row if cell.column in shown] for row in rows]
-            number: Literal[1, 2] = 1 if blind is None else 2
-            tables.append(make_table(number, _TITLES[number], setting.id, shown, rows, blind))
+            tables.append(make_table(1 if blind is None else 2, setting.id, shown, rows, blind))
     return sorted(tables, key=lambda table: table.number)
 
 
@@ -103,14 +99,7 @@ def method_differences(tables: Sequence[Table]) -> list[MethodDifference]:
 
 def endings(tables: Sequence[Table]) -> list[Endings]:
     """The endings of the games of every cell of tables 1 and 2."""
-    return [
-        _endings(table, each)
-        for table in tables
-        if table.number in (1, 2)
-        for row in table.rows
-        for each in row
-        if each.scores
-    ]
+    return [_endings(table, each) for table in tables if table.number in (1, 2) for each in table.cells]
 
 
 def _endings(table: Table, own: Cell) -> Endings:

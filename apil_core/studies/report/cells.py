@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
 
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.studies.report.grouping import Scored
@@ -91,25 +90,19 @@ def method_difference(own: Cell, base: Cell, **named: str) -> MethodDifference:
     return MethodDifference.model_validate({**columns, **found, **verdicts, **named})
 
 
+TITLES = {
+    1: "Adversaries against the victim",
+    2: "Blinded adversaries against the victim",
+    3: "Retrained victims against the baseline adversary",
+    4: "Retrained victims against E-APIL's adversary",
+}
+
+
 def make_table(
-    number: Literal[1, 2, 3, 4],
-    title: str,
-    setting: str,
-    columns: Sequence[str],
-    rows: list[list[Cell]],
-    blind: str | None = None,
+    number: int, setting: str, columns: Sequence[str], rows: list[list[Cell]], blind: str | None = None
 ) -> Table:
-    """Make one of the paper's tables in one setting; see :class:`.table_models.Table`."""
-    source = published().tables[number]
+    """Make one of the paper's tables, 1 to 4, in one setting; see :class:`.table_models.Table`."""
     suffix = "" if blind is None else f"-{blind.replace(', ', '-').replace(' ', '-')}"
-    return Table(
-        id=f"t{number}-{setting}{suffix}",
-        number=number,
-        name=source.name,
-        title=title,
-        side=source.side,
-        setting=setting,
-        columns=list(columns),
-        blind=blind,
-        rows=rows,
-    )
+    named = {"id": f"t{number}-{setting}{suffix}", "number": number, "title": TITLES[number], "blind": blind}
+    shown = {"side": published().tables[number].side, "setting": setting, "columns": columns, "rows": rows}
+    return Table.model_validate({**named, **shown})

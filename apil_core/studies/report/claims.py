@@ -11,7 +11,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from apil_core.common.statistics import Difference
-from apil_core.studies.report.attack_tables import BASELINE
+from apil_core.studies.bench.matrix import BASELINE
 from apil_core.studies.report.models import Check, Claim, Truth
 from apil_core.studies.report.paper_claims import IN_THE_PAPER, MARGIN, ORDER, WORDS
 from apil_core.studies.report.published import published
@@ -190,9 +190,7 @@ def _summary(checks: Sequence[Check], absent: Sequence[str], table: Table, setti
     if short := _short(setting):
         seen = f"Seen at {short} of the budget." if len(counts[_HOLDS]) == len(checks) else ""
         text += f" {seen or f'At this budget ({short}) what does not show is not refuted.'}"
-    seeds = [
-        c.seeds for row in table.rows for c in row if c.scores and c.column != BASELINE and not c.replayed
-    ]
+    seeds = [cell.seeds for cell in table.cells if cell.column != BASELINE and not cell.replayed]
     if seeds and min(seeds) < ENOUGH_SEEDS:
         text += f" Of these agents only ({several(min(seeds), 'seed')}): other seeds may differ."
     return text

@@ -32,7 +32,7 @@ def latex_table(data: ReportData, table: Table) -> str:
     """Make a ``table`` environment; the caption has the setting and how it differs from the published one."""
     setting = data.setting(table.setting)
     blind = f", blinded: {table.blind}" if table.blind else ""
-    notes = {f"{c.column}: {c.replayed}." for row in table.rows for c in row if c.replayed and c.scores}
+    notes = {f"{c.column}: {c.replayed}." for c in table.cells if c.replayed}
     caption = [f"{table.title} ({setting.label}{blind}).", *setting.notes, *sorted(notes)]
     caption.append(
         f"Per cent of games the {table.side} wins, with 95 % intervals; in parentheses the published"

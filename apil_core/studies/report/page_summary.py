@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections import Counter
 
-from apil_core.studies.report.figures.palette import BASELINE
+from apil_core.studies.bench.matrix import BASELINE
 from apil_core.studies.report.models import ReportData
 from apil_core.studies.report.statistics import compared
-from apil_core.studies.report.table_models import Cell, Setting, Table
+from apil_core.studies.report.table_models import Cell, Setting
 from apil_core.studies.report.words import amount, percent, several
 
 
 def bests(data: ReportData) -> list[str]:
     """One sentence for each game of table 1: the method with the highest win rate."""
-    table = first_table(data, 1)
-    return [text for row in table.rows if (text := _best(row))] if table is not None else []
+    order = [setting.id for setting in data.settings]
+    tables = sorted((t for t in data.tables if t.number == 1), key=lambda table: order.index(table.setting))
+    return [text for table in tables[:1] for row in table.rows if (text := _best(row))]
 
 
 def verdicts(data: ReportData) -> str:
@@ -31,7 +32,7 @@ def verdicts(data: ReportData) -> str:
 def facts(data: ReportData) -> list[tuple[str, str]]:
     """Name and value of each fact about the runs."""
     runs = data.provenance.runs
-    cells = [cell for table in data.tables for row in table.rows for cell in row]
+    cells = [cell for table in data.tables for cell in table.cells]
     episodes = sorted({score.episodes for cell in cells for score in cell.scores})
     replayed = [f"{cell.column} in {cell.game}: {cell.scores[0].source}" for cell in cells if cell.replayed]
     states = ", ".join(f"{n} {state}" for state, n in Counter(run.status for run in runs).most_common())
@@ -55,13 +56,6 @@ def common_notes(data: ReportData) -> list[str]:
     notes = [set(diagnostic.notes) for diagnostic in data.diagnostics]
     shared = set.intersection(*notes) if notes else set()
     return [note for note in (data.diagnostics[0].notes if notes else []) if note in shared]
-
-
-def first_table(data: ReportData, number: int) -> Table | None:
-    """The table of that number in the first setting that has it."""
-    order = [setting.id for setting in data.settings]
-    tables = [table for table in data.tables if table.number == number]
-    return min(tables, key=lambda table: order.index(table.setting), default=None)
 
 
 def _budget(setting: Setting) -> str:

@@ -23,7 +23,6 @@ class PublishedTable(BaseModel):
     """
 
     number: int
-    name: str
     side: Side
     rows: dict[str, dict[str, tuple[float, float]]]
 
@@ -65,7 +64,7 @@ def published() -> Published:
     except OSError as error:
         raise ConfigError(f"{file} is missing: install apil again") from error
     budgets, columns = data["budgets"], data["columns"]
-    tables = [_table(name, entry, columns) for name, entry in data["tables"].items()]
+    tables = [_table(entry, columns) for entry in data["tables"].values()]
     return Published(
         source=data["source"],
         columns=columns,
@@ -77,7 +76,7 @@ def published() -> Published:
     )
 
 
-def _table(name: str, entry: dict[str, Any], columns: list[str]) -> PublishedTable:
+def _table(entry: dict[str, Any], columns: list[str]) -> PublishedTable:
     rows = {
         game: {
             column: (win / 100, either / 100) for column, (win, either) in zip(columns, cells, strict=True)
@@ -85,4 +84,4 @@ def _table(name: str, entry: dict[str, Any], columns: list[str]) -> PublishedTab
         for game, cells in entry.items()
         if isinstance(cells, list)
     }
-    return PublishedTable(number=entry["paper_table"], name=name, side=entry["side"], rows=rows)
+    return PublishedTable(number=entry["paper_table"], side=entry["side"], rows=rows)

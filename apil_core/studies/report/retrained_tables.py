@@ -13,7 +13,7 @@ from apil_core.evaluation.results import EvaluationResult
 from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.runs.retraining.folder import RetrainDir
 from apil_core.studies.bench.jobs import labels
-from apil_core.studies.report.attack_tables import BASELINE
+from apil_core.studies.bench.matrix import BASELINE
 from apil_core.studies.report.cells import cell, make_table, seed_score
 from apil_core.studies.report.labels import assignments, cell_marks, in_paper, make_setting
 from apil_core.studies.report.published import published
@@ -27,11 +27,6 @@ ORIGINAL, AGAINST = "original", "vs "
 
 STRONGEST = "e_apil"
 """Method of table 4's adversary."""
-
-_TITLES = {
-    3: "Retrained victims against the baseline adversary",
-    4: "Retrained victims against E-APIL's adversary",
-}
 
 
 class _Entry(NamedTuple):
@@ -226,7 +221,7 @@ def _table(
             changed = setting.axes and column != BASELINE
             row.append(cell(game, column, scores, None if changed else source.value(game, column), marks))
         rows.append(row)
-    return make_table(3 if number == 3 else 4, _TITLES[number], setting.id, columns, rows)
+    return make_table(number, setting.id, columns, rows)
 
 
 def _label(key: Key) -> str:

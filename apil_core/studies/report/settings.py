@@ -17,21 +17,10 @@ from apil_core.evaluation.results import EvaluationResult, in_words, observers_p
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.studies.report.sources import Run
 
-_FREE = (
-    *(
-        "method",
-        "env",
-        "victim",
-        "victim_sha256",
-        "victim_side",
-        "trust",
-        "steps",
-        "seed",
-        "threads",
-        "device",
-    ),
-    *("recorders", "log_rows", "plugins", "version", "options", "game", "game.physics"),
-)
+_FREE = (  # noqa: SIM905
+    "method env victim victim_sha256 victim_side trust steps seed threads device recorders log_rows plugins "
+    "version options game game.physics"
+).split()
 _FREE_SECTIONS = ("checkpoint.", "evaluation.", "options.")
 """Settings shown elsewhere, without effect on results, or specific to one method."""
 

@@ -164,7 +164,6 @@ class Table(BaseModel):
     Attributes:
         id: ``"t1-s1"``, ``"t2-s1-zeros"``, …; unique in a report.
         number: 1 to 4, the paper's.
-        name: its key in ``published_results.json``.
         side: the one whose wins are counted.
         columns: baseline first, then the paper's methods, then others, then adversaries not trained here.
         blind: table 2: how the adversary was blinded, e.g. ``"zeros"`` or ``"zeros, imitator too"``.
@@ -173,13 +172,17 @@ class Table(BaseModel):
 
     id: str
     number: Literal[1, 2, 3, 4]
-    name: str
     title: str
     side: Side
     setting: str
     columns: list[str]
     blind: str | None = None
     rows: list[list[Cell]]
+
+    @property
+    def cells(self) -> list[Cell]:
+        """Those with a score."""
+        return [cell for row in self.rows for cell in row if cell.scores]
 
 
 class MethodDifference(BaseModel):

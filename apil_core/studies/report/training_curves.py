@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from apil_core.common.errors import ApilError
+from apil_core.studies.bench.matrix import BASELINE
 from apil_core.studies.curves.curves import Line, read_curve
 from apil_core.studies.curves.groups import CurveGroup, read_groups
-from apil_core.studies.report.attack_tables import BASELINE
 from apil_core.studies.report.grouping import Groups
 from apil_core.studies.report.models import CurvePanel, Diagnostics
 from apil_core.studies.report.settings import Key

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from apil_core.evaluation.results import Rate
+from apil_core.studies.bench.matrix import BASELINE
 from apil_core.studies.curves.curves import WIN_OR_TIE
-from apil_core.studies.report.attack_tables import BASELINE
 from apil_core.studies.report.grouping import Groups
 from apil_core.studies.report.models import CurvePanel, Diagnostics, Endings, Unfinished, Warning
 from apil_core.studies.report.published import published
 from apil_core.studies.report.replayed import Replayed
 from apil_core.studies.report.settings import Key, changed_options, game_of
 from apil_core.studies.report.statistics import ENOUGH_SEEDS, compared
-from apil_core.studies.report.table_models import Cell, MethodDifference, Setting, Table
+from apil_core.studies.report.table_models import MethodDifference, Setting, Table
 from apil_core.studies.report.training_curves import RATIO, UNEVEN
 from apil_core.studies.report.words import amount, percent, several
 
@@ -66,7 +66,7 @@ def _kind(note: str) -> str:
 
 
 def _seed_notes(setting: Setting, tables: Sequence[Table]) -> Iterator[str]:
-    cells = [each for table in tables if table.setting == setting.id for each in _measured(table)]
+    cells = [each for table in tables if table.setting == setting.id for each in table.cells]
     seeds = [each.seeds for each in cells if each.column != BASELINE and not each.replayed]
     if seeds and min(seeds) < ENOUGH_SEEDS:
         cells_text = "every cell" if max(seeds) < ENOUGH_SEEDS else "some cells"
@@ -77,10 +77,6 @@ def _seed_notes(setting: Setting, tables: Sequence[Table]) -> Iterator[str]:
     games = [score.episodes for each in cells for score in each.scores]
     if games and min(games) < published().episodes:
         yield f"Scores of fewer than {published().episodes} games (least: {min(games)})."
-
-
-def _measured(table: Table) -> list[Cell]:
-    return [each for row in table.rows for each in row if each.scores]
 
 
 def tie_warnings(endings: Sequence[Endings], tables: Sequence[Table]) -> Iterator[Warning]:
@@ -126,7 +122,7 @@ def attack_warnings(
         (table.id, each.game, each.column): each.win_or_tie.measured
         for table in tables
         if table.number == 1
-        for each in _measured(table)
+        for each in table.cells
     }
     for each in differences:
         key = (each.table, each.game, each.column)
@@ -256,7 +252,7 @@ def _stand_ins(tables: Sequence[Table]) -> Iterator[Warning]:
         (each.game, each.scores[0].source)
         for table in tables
         if table.number == 1
-        for each in _measured(table)
+        for each in table.cells
         if each.column == BASELINE
     }
     for game, name in sorted(found):

@@ -13,9 +13,7 @@ from dataclasses import replace
 from apil_core.common import charts, colours
 from apil_core.common.charts import Pen, web
 from apil_core.common.colours import Colour
-
-BASELINE = "baseline"
-"""Column and opponent without a method."""
+from apil_core.studies.bench.matrix import BASELINE
 
 _CAUSES: tuple[Colour, ...] = (
     (51, 34, 136),
