@@ -51,6 +51,7 @@ METHOD_CHECKS = {
         "Resume", "a run resumed from a checkpoint ends with the bits of one that was not stopped"
     ),
     "evaluation": Check("Without a run", "the trained adversary acts and scores without its run"),
+    "export": Check("Export", "the trained adversary can be written to files that act as it does"),
     "blinding": Check("Blinding", "it can be scored while the opponent is hidden from it"),
     "one game": Check("One game", "it trains on a single game"),
     "many games": Check("Many games", "it trains on any number of games"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from apil_core.common.errors import ApilError
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.evaluation.pairing import Pairing, load_pairing
 from apil_core.evaluation.results import EvaluationResult
@@ -13,6 +14,8 @@ from apil_core.policies.conformance import check_policy
 from apil_core.testing.checks import METHOD_CHECKS, reported_as
 from apil_core.testing.method_runs import WatchedRun
 from apil_core.testing.method_under_test import MethodUnderTest
+from apil_core.training.export.export import write
+from apil_core.training.export.run_policy import RunCheckpoint
 
 EPISODES, STEPS = 4, 6
 
@@ -37,6 +40,21 @@ def check_playing(tested: MethodUnderTest, run: WatchedRun) -> None:
         raise tested.broken("evaluation", text)
     if outcome != other_outcome:
         raise tested.broken("evaluation", "two evaluations of one seed differ")
+
+
+def check_export(tested: MethodUnderTest, run: WatchedRun) -> None:
+    """Check it as in ``apil export``; what a network cannot express is listed as not checked."""
+    if run.trainer.attack.hooks.implements("filter_observation"):
+        tested.skipped.append("export: filter_observation belongs to the run")
+        return
+    source = RunCheckpoint.find(run.out)
+    with reported_as(tested.who, METHOD_CHECKS["export"]):
+        write(source, "safetensors", run.out / "adversary.safetensors", tested.registry)
+        for format in ("torchscript", "onnx"):
+            try:
+                write(source, format, run.out / f"adversary.{format}", tested.registry)
+            except ApilError as error:
+                tested.skipped.append(f"export: {format}: {error}")
 
 
 def check_blinding(tested: MethodUnderTest, pairing: Pairing) -> None:

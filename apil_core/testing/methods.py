@@ -79,6 +79,7 @@ def in_runs(tested: MethodUnderTest, folder: Path) -> MethodReport:
     method_runs.check_other_seed(tested)
     method_runs.check_resume(tested, run, folder / "resumed")
     method_play.check_playing(tested, run)
+    method_play.check_export(tested, run)
     method_runs.check_sizes(tested, folder)
     method_runs.check_companions(tested, folder / "companions")
     hooks, seconds = method_calls.costs(tested, run)

@@ -212,6 +212,22 @@ class NeedsItsRun(Method):
         return {"clock": torch.full((len(view.own), 1), float(steps))}
 
 
+CountsGames = filled(extend_observation=lambda self, view: {"share": torch.full((len(view.own), 1), 0.5)})
+
+
+class KnowsItsNumber(Method):
+    built: ClassVar[int] = 0
+
+    def __init__(self, options, setup):
+        super().__init__(options, setup)
+        type(self).built += 1
+        self.number = self.built
+
+    @hookimpl
+    def extend_observation(self, view):
+        return {"numbered": view.own * self.number}
+
+
 class CarriesOver(Method):
     """Its last observation of one game opens the next."""
 

@@ -15,7 +15,7 @@ from apil_core.testing import ContractError, MethodReport, check_method
 from apil_core.testing.checks import METHOD_CHECKS
 from apil_core.testing.hook_spy import Call, HookSpy, spied_hooks
 from apil_core.testing.method_calls import check_calls, expected_calls, first_difference
-from apil_core.testing.method_play import check_playing
+from apil_core.testing.method_play import check_export, check_playing
 from apil_core.testing.method_runs import (
     check_companions,
     check_other_seed,
@@ -269,6 +269,24 @@ def test_an_adversary_that_cannot_play(tmp_path: Path, name: str, address: str, 
     with pytest.raises(ContractError) as caught:
         check_playing(bad, watched_run(bad, tmp_path / "r"))
     says(caught, address, text)
+
+
+def test_what_cannot_be_exported_as_a_network_is_said(tmp_path: Path) -> None:
+    """No network has the number of games as a Python number."""
+    odd = under_test("CountsGames")
+    run = watched_run(odd, tmp_path / "r")
+    check_export(odd, run)
+    assert [text.split(":")[1].strip() for text in odd.skipped] == ["torchscript", "onnx"]
+    assert all("no fixed network of tensor operators" in text for text in odd.skipped)
+    assert (run.out / "adversary.safetensors").exists()
+
+
+def test_a_file_that_does_not_act_as_the_adversary(tmp_path: Path) -> None:
+    bad = under_test("KnowsItsNumber")
+    run = watched_run(bad, tmp_path / "r")
+    with pytest.raises(ContractError) as caught:
+        check_export(bad, run)
+    says(caught, "testing.md#export", "the exported file does not act as the run does")
 
 
 @pytest.mark.parametrize(

@@ -99,11 +99,18 @@ def export(
         )
     if out.exists() and not force:
         raise ConfigError(f"{out} exists already; choose another --out, or --force to replace it")
+    return write(source, format, out, plugins_with([*source.run_dir.config().plugins, *plugin_files]))
+
+
+def write(source: RunCheckpoint, format: Format, out: Path, plugins: PluginRegistry) -> Exported:
+    """:func:`export` of a checkpoint with these plugins; replaces ``out``.
+
+    Raises:
+        ApilError: as :func:`export`.
+    """
     if format == "onnx":
         need("onnxruntime")  # used to compare the actions
-    config = source.run_dir.config().model_copy(update={"device": "cpu"})
-    plugins = plugins_with([*config.plugins, *plugin_files])
-    config = completed(config, plugins)
+    config = completed(source.run_dir.config().model_copy(update={"device": "cpu"}), plugins)
     game = make_game(config.env, num_envs=_GAMES, threads=1, options=config.game, plugins=plugins)
     try:
         return _Export(source, config, plugins, game).write(format, out)
