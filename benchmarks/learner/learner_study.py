@@ -71,8 +71,7 @@ def summary(path: Path) -> dict[str, Any] | None:
     wins = {f"{mark:.0f}": _wins(rows, mark) for mark in MARKS if end >= 0.98 * mark}
     level = OPPONENTS[path.parent.name]
     above = (r["steps"] for r in rows if wilson(int(r["window_wins"]), int(r["window_games"])).low > level)
-    result = path / "result.json"
-    score = (json.loads(result.read_text()).get("evaluation") if result.is_file() else None) or {}
+    score = _score(path / "result.json", "evaluation") or _score(path / "scores" / "plain.json") or {}
     late = rows[-5:]
     return {
         **{"game": path.parent.name, "method": method, "variant": variant, "seed": int(seed), "steps": end},
@@ -81,6 +80,12 @@ def summary(path: Path) -> dict[str, Any] | None:
         "episodes": score.get("episodes"),
         **{k: sum(row[f"ppo/{k}"] for row in late) / len(late) for k in ("kl", "std", "passes")},
     }
+
+
+def _score(file: Path, key: str = "") -> Any:
+    """The score in a run's result, or in a file of the benchmark."""
+    found = json.loads(file.read_text()) if file.is_file() else {}
+    return found.get(key) if key else found
 
 
 def _wins(rows: list[dict[str, float]], steps: float) -> float:
