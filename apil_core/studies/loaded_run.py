@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,7 +35,7 @@ class Media:
         kind: ``image/png`` or ``video/mp4``.
     """
 
-    data: bytes
+    data: bytes = field(repr=False)
     kind: str
 
     def save(self, path: Path | str) -> None:

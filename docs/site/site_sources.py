@@ -28,6 +28,7 @@ MOVED = {
 LANGUAGES = {
     ".py": "python",
     ".json": "json",
+    ".ipynb": "json",
     ".yaml": "yaml",
     ".yml": "yaml",
     ".toml": "toml",
