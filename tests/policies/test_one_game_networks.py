@@ -21,7 +21,7 @@ from apil_core import SideLayout, VictimError, load_policy
 from apil_core.policies.conformance import check_policy
 from policies.foreign_files import Plain, save, seat, view
 
-pytest.importorskip("onnxruntime", reason="needs the extra onnx: pip install 'apil[onnx]'")
+pytest.importorskip("onnxruntime", reason="needs the extra onnx: pip install -e '.[onnx]'")
 
 
 def rsl_rl_model(kind: str) -> MLPModel:

@@ -312,8 +312,8 @@ def test_a_dispensable_recorder_fails_once_and_the_others_go_on(tmp_path: Path) 
     notes: list[str] = []
     failing = Failing()
     log = RowLog([failing, JsonlRecorder(tmp_path)], every=1, note=notes.append)
-    log.record({"iteration": 1}, steps=1)
-    log.record({"iteration": 2}, steps=1)
+    log.record({"iteration": 1, "steps": 1}, steps=1)
+    log.record({"iteration": 2, "steps": 2}, steps=1)
     log.summarize({"final/win": 1.0})
     log.close()
     assert [row["iteration"] for row in read_metrics(tmp_path / "metrics.jsonl")] == [1, 2]
