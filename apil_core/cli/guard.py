@@ -81,6 +81,8 @@ def guarded(arguments: list[str]) -> int:
         return complain(_of_place(error), USAGE_ERROR)
     except SystemExit as error:  # raised by a plugin or a game, and not caught closer to it
         last = traceback.extract_tb(error.__traceback__)[-1]
+        if last.name == "on_broken_pipe":  # rich's way to end where the reader has closed the pipe
+            return 0
         text = f"{last.filename}, line {last.lineno}: code that a run uses ended the program (exit {error})"
         return complain(text, INTERNAL_ERROR)
     except failures() as error:

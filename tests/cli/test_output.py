@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -55,3 +58,13 @@ def test_a_report_has_no_formula_html_or_control_code(tmp_path: Path) -> None:
     assert f"&lt;img src=x&gt;{SHOWN}" in html
     assert SHOWN[-18:] in html[html.index("<svg") :]
     assert not any(code in text for text in (html, *written) for code in "\x1b\x9b\u202e\udc80")
+
+
+@pytest.mark.parametrize("words", [["--help"], ["games"], ["methods", "--json"]])
+def test_a_closed_pipe_ends_the_program_quietly(words: list[str]) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "apil_core.cli", *words]
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (0, "")
