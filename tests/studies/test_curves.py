@@ -206,8 +206,8 @@ BROKEN = {
     "short": (lambda lines: lines.splitlines()[0] + "\n", "10 training games have ended, a curve needs 20"),
     "damaged": (cut, "metrics.jsonl:2: damaged line"),
     "text": (lambda lines: lines.replace("2000", '"a lot"'), "metrics.jsonl:2: damaged line"),
-    "foreign": (lambda lines: '{"loss": 1}\n', "metrics.jsonl:1: no number for steps, games, window_games"),
-    "null": (lambda lines: lines.replace("3000", "null"), "metrics.jsonl:3: no number for steps"),
+    "foreign": (lambda lines: '{"loss": 1}\n', "metrics.jsonl:1: damaged line"),
+    "null": (lambda lines: lines.replace("3000", "null"), "metrics.jsonl:3: damaged line"),
 }
 
 
