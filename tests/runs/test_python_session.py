@@ -209,6 +209,8 @@ class TestLoadedRun:
         assert list(loaded.scores["name"]) == ["during training", "during training", "final"]
         assert list(loaded.scores["games"]) == [40, 40, 20]
         assert loaded.plot("ppo/kl").data.startswith(b"\x89PNG")
+        film = loaded.film(None)
+        assert (film.kind, film.data[4:8]) == ("video/mp4", b"ftyp")
         assert "10,240 steps, finished" in repr(loaded)
 
     def test_no_run(self, tmp_path):
