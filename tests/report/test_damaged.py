@@ -35,13 +35,15 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("file", "content", "reported", "done"),
     [
-        (f"{CELL}/*/config.yaml", b"steps: 2001-99-99\nversion: 1\n", 13, 17),
+        pytest.param(
+            f"{CELL}/*/config.yaml", b"steps: 2001-99-99\nversion: 1\n", 13, 17, marks=pytest.mark.slow
+        ),
         pytest.param(f"{CELL}/*/result.json", WRONG_VALUES, 13, 15, marks=pytest.mark.slow),
         (f"{CELL}/*/metrics.jsonl", b'{"steps": 1}\n{"steps": "x"}\n', 13, 17),
         pytest.param(f"{CELL}/*/environment.json", NOT_UTF8, 14, 17, marks=pytest.mark.slow),
         (f"{CELL}/*/scores/plain.json", ANOTHER_TYPE, 13, 15),
         pytest.param("baseline/*/scores/plain.json", NOT_UTF8, 14, 16, marks=pytest.mark.slow),
-        ("crossplay/*.json", WRONG_VALUES, 14, 17),
+        pytest.param("crossplay/*.json", WRONG_VALUES, 14, 17, marks=pytest.mark.slow),
         pytest.param("activations/*.json", NESTED, 14, 17, marks=pytest.mark.slow),
         pytest.param("retrained/*/*/*/result.json", WRONG_INSIDE, 14, 16, marks=pytest.mark.slow),
         pytest.param("logs/*.failed.json", ANOTHER_TYPE, 14, 17, marks=pytest.mark.slow),

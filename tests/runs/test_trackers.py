@@ -337,6 +337,7 @@ def test_a_damaged_note_of_where_a_run_is_tracked_begins_anew(tmp_path: Path) ->
     assert here.where("wandb") == {}
 
 
+@pytest.mark.slow
 def test_several_seeds_do_not_share_one_run_of_wandbs(tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.setenv("WANDB_RUN_ID", "mine")
     ids = {}

@@ -130,6 +130,7 @@ class TestStudy:
         assert default.evaluation.wins == result.scores["default"].wins
         assert RunConfig.load(result.path / "best.yaml") == result.best
 
+    @pytest.mark.slow
     def test_interrupted_and_continued_it_finds_the_same(self, tmp_path):
         class Interrupting(Method):
             """Ctrl-C in the fourth iteration of the third trial, once."""
