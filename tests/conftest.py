@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -17,6 +18,7 @@ os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="apil-tests-")
 import pytest
 
 from apil_core import GameSpec, Section
+from apil_core.plugins.defined import defined
 from apil_core.plugins.discovery import PluginRegistry, discover
 
 
@@ -34,6 +36,13 @@ def zoo_dir() -> Path:
         if (candidate / "kick-and-defend").is_dir():
             return candidate
     pytest.skip(f"no zoo weights in {root} (set APIL_ZOO to the folder agent-zoo)")
+
+
+@pytest.fixture(autouse=True)
+def _nothing_defined() -> Iterator[None]:
+    """Methods that a test makes known to its process are not known to the next one."""
+    yield
+    defined.clear()
 
 
 @pytest.fixture(scope="session")

@@ -102,10 +102,20 @@ def test_the_public_api_lists_what_it_has():
         apil_core.nonsense
 
 
-def test_finding_plugins_loads_neither_torch_nor_mujoco():
-    code = (
-        "import sys; from apil_core.plugins.discovery import discover; discover();"
-        "print(sorted({'torch', 'mujoco', 'numpy.random'} & set(sys.modules)))"
-    )
+@pytest.mark.parametrize(
+    ("code", "heavy"),
+    [
+        (
+            "from apil_core.plugins.discovery import discover; discover()",
+            {"torch", "mujoco", "numpy.random"},
+        ),
+        (
+            "from apil_core import ApilError, RunConfig, define; RunConfig.load('paper')",
+            {"torch", "mujoco", "pandas", "matplotlib"},
+        ),
+    ],
+)
+def test_finding_plugins_and_reading_settings_loads_nothing_heavy(code, heavy):
+    code = f"import sys; {code}; print(sorted({heavy} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import pytest
 import torch
 
@@ -28,12 +25,6 @@ from apil_core.plugins import defined
 
 QUICK = {"env": "toy-pursuit", "steps": 2 * 16 * 32, "num_envs": 16, "evaluation": {"episodes": 20}}
 PPO = {"num_steps": 32, "minibatches": 1, "epochs": 1}
-
-
-@pytest.fixture(autouse=True)
-def _forgotten():
-    yield
-    defined.defined.clear()
 
 
 def quick(**settings):
@@ -216,12 +207,3 @@ class TestLoadedRun:
     def test_no_run(self, tmp_path):
         with pytest.raises(ApilError, match="no run directory"):
             load_run(tmp_path)
-
-
-def test_importing_loads_no_torch():
-    code = (
-        "import sys; from apil_core import ApilError, RunConfig, define; RunConfig.load('paper');"
-        "print(sorted({'torch', 'mujoco', 'pandas', 'matplotlib'} & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

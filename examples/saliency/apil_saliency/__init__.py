@@ -18,7 +18,7 @@ def register_methods() -> list[MethodSpec]:
             name="saliency",
             factory="apil_saliency.method:Saliency",
             summary="PPO on the reward plus the victim's sensitivity to its opponent (white box)",
-            config="apil_saliency.method:SaliencyConfig",
+            config="apil_saliency.config:SaliencyConfig",
             white_box=True,
         )
     ]

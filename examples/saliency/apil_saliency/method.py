@@ -2,20 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import torch
-from pydantic import Field
 from torch import Tensor
 
-from apil_core import Method, Rollout, Run, Section, hookimpl
-
-
-class SaliencyConfig(Section):
-    """The weight of the victim's sensitivity."""
-
-    weight: Annotated[float, Field(ge=0)] = 0.01
-    """λ, in the reward's units per standard deviation of the victim's action."""
+from apil_core import Method, Rollout, Run, hookimpl
+from apil_saliency.config import SaliencyConfig
 
 
 class Saliency(Method):
