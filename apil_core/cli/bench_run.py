@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Collection
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -147,15 +148,9 @@ def run(
 def perform_all(bench: BenchDir, benchmark: Benchmark, where: Placement, *, quiet: bool) -> BenchResult:
     """Do all jobs of a benchmark that are not done yet, showing their progress."""
     from apil_core.cli.bench_table import make_watch
-    from apil_core.studies.bench.jobs import JobStatus, make_jobs
-    from apil_core.studies.bench.schedule import run_jobs
+    from apil_core.studies.bench.schedule import run_benchmark
 
-    jobs, status = make_jobs(benchmark), JobStatus(bench, benchmark)
-    with bench.lock():
-        bench.write_matrix(benchmark.matrix)
-        watched = closing(make_watch(jobs, status, quiet=quiet))
-        with watched as watch, closing(where.start(bench.path)) as executor:
-            return run_jobs(jobs, status, executor, watch)
+    return run_benchmark(bench, benchmark, where.start, partial(make_watch, quiet=quiet))
 
 
 def _estimate(

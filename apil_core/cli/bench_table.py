@@ -31,14 +31,7 @@ _STOPPING = {
 }
 
 
-class QuietWatch(Watch):
-    """A watch that prints nothing; resets the terminal when closed."""
-
-    def close(self) -> None:
-        """Restore the terminal."""
-
-
-class LineWatch(QuietWatch):
+class LineWatch(Watch):
     """Prints one line on stderr per finished job."""
 
     def __init__(self, jobs: Sequence[Job], status: JobStatus):
@@ -60,7 +53,7 @@ class LineWatch(QuietWatch):
         say(_STOPPING[at_once])
 
 
-class TableWatch(QuietWatch):
+class TableWatch(Watch):
     """A live table of running jobs, with counts of waiting, finished and failed ones."""
 
     def __init__(self, jobs: Sequence[Job], status: JobStatus):
@@ -87,7 +80,7 @@ class TableWatch(QuietWatch):
         self._live.console.print(_STOPPING[at_once], markup=False)
 
     def close(self) -> None:
-        """See :class:`QuietWatch`."""
+        """See :class:`Watch`."""
         self._live.stop()
 
     def _table(self, states: dict[str, State]) -> Table:
@@ -114,10 +107,10 @@ class TableWatch(QuietWatch):
         ]
 
 
-def make_watch(jobs: Sequence[Job], status: JobStatus, *, quiet: bool) -> QuietWatch:
+def make_watch(jobs: Sequence[Job], status: JobStatus, *, quiet: bool) -> Watch:
     """Make the watch for ``--quiet`` and the kind of terminal."""
     if quiet:
-        return QuietWatch()
+        return Watch()
     return TableWatch(jobs, status) if sys.stderr.isatty() else LineWatch(jobs, status)
 
 

@@ -67,7 +67,7 @@ def evaluate(
 
 def _runs_below(adversary: str) -> list[str]:
     """The runs in a directory that is none itself; else the name alone."""
-    from apil_core.training.storage.run_dir import runs_in
+    from apil_core.training.storage.run_list import runs_in
 
     path = Path(adversary)
     if not path.is_dir() or (path / "config.yaml").is_file():

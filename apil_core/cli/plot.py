@@ -40,7 +40,7 @@ def plot(
     from apil_core.common.charts import check_picture
     from apil_core.studies.curves.groups import read_groups
     from apil_core.studies.curves.picture import draw_curves
-    from apil_core.training.storage.run_dir import runs_in
+    from apil_core.training.storage.run_list import runs_in
 
     check_picture(out)
     if out.exists() and not force:

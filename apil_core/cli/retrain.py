@@ -14,8 +14,8 @@ from apil_core.cli.guard import INTERRUPTED, complain
 from apil_core.cli.output import console, print_json, say, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
-from apil_core.cli.run import refuse_existing
 from apil_core.common.errors import ApilError
+from apil_core.common.files import refuse_taken
 from apil_core.runs.retraining.config import RetrainConfig
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def retrain(
     resumes from it, bit for bit.
     """
     flags = flags or RetrainFlags()
-    refuse_existing(out)
+    refuse_taken(out)
 
     from apil_core.runs.retraining.retrain import retrain as start
     from apil_core.runs.retraining.settings import settings

@@ -13,9 +13,9 @@ from apil_core.cli.flags import ConfigFlags, Json, Quiet, Show
 from apil_core.cli.output import console, print_json
 from apil_core.cli.progress import make_progress
 from apil_core.cli.seeds import train_seeds
-from apil_core.common.errors import RunDirError
+from apil_core.common.errors import ConfigError
 from apil_core.common.extras import need
-from apil_core.common.files import is_taken
+from apil_core.common.files import refuse_taken
 from apil_core.common.numbers import number_list
 from apil_core.training.distributed.world import World
 
@@ -31,19 +31,22 @@ def seed_list(_: Any, tokens: Any) -> list[int]:
     return number_list(tokens[0].value)
 
 
+Seeds = Annotated[
+    list[int] | None,
+    Parameter(
+        converter=seed_list,
+        n_tokens=1,
+        metavar="SEEDS",
+        group=_OUTPUT,
+        help="Several runs, with one table and one curve over all: 0..4 or 0,3,7.",
+    ),
+]
+
+
 def run(
     *,
     flags: ConfigFlags | None = None,
-    seeds: Annotated[
-        list[int] | None,
-        Parameter(
-            converter=seed_list,
-            n_tokens=1,
-            metavar="SEEDS",
-            group=_OUTPUT,
-            help="Several runs, with one table and one curve over all: 0..4 or 0,3,7.",
-        ),
-    ] = None,
+    seeds: Seeds = None,
     workers: Annotated[
         int | None,
         Parameter(group=_OUTPUT, help="With --seeds: trainings at a time [default: one per CPU]."),
@@ -72,11 +75,13 @@ def run(
     Ctrl-C writes a checkpoint; "apil resume" resumes from it, bit for bit.
     """
     config, plugins = (flags or ConfigFlags()).resolve()
+    if workers is not None and seeds is None:
+        raise ConfigError("--workers: trainings at a time, so it needs --seeds")
     if show:
         need("matplotlib", "av")
     here = World.here()
-    if here.is_main and seeds is None:
-        refuse_existing(out)
+    if here.is_main:
+        refuse_taken(out)
     if dry_run:
         if here.is_main:
             _say_budget(config, plugins, out or Path("runs"), len(seeds or [0]), as_json=as_json)
@@ -119,12 +124,3 @@ def _say_budget(
     ]
     for line in lines:
         console().print(line, markup=False)
-
-
-def refuse_existing(directory: Path | None) -> None:
-    """Refuse an existing directory before torch is imported: a mistyped --out should fail at once."""
-    if directory is not None and is_taken(directory):
-        raise RunDirError(
-            f"--out {directory} exists and is not empty: nothing was changed; "
-            f"choose another, or continue it with: apil resume {directory}"
-        )

@@ -29,7 +29,8 @@ def list_(
     as_json: Json = False,
 ) -> None:
     """List runs: what was trained, how far it is, and its final score."""
-    from apil_core.training.storage.run_dir import DEFAULT_ROOT, list_runs
+    from apil_core.training.storage.run_dir import DEFAULT_ROOT
+    from apil_core.training.storage.run_list import list_runs
 
     if not root.is_dir() and (root.exists() or root != DEFAULT_ROOT):  # before the first run there is none
         raise RunDirError(f"{root} is no directory")
@@ -58,7 +59,7 @@ def compare(
 ) -> None:
     """Compare final scores with the first run's; differences that chance explains are marked."""
     from apil_core.studies.comparison import compare as side_by_side
-    from apil_core.training.storage.run_dir import runs_in
+    from apil_core.training.storage.run_list import runs_in
 
     result = side_by_side(runs_in(directories))
     for warning in result.warnings:

@@ -33,7 +33,7 @@ def train_seeds(
 
     if World.here().size > 1:
         raise ConfigError("--seeds: torchrun's processes train one run together; start one per seed")
-    benchmark = seeds_benchmark(config, seeds, out)
+    benchmark = seeds_benchmark(config, seeds)
     where = Placement(workers, config.threads or None)
     return _perform(seeds_folder(config, out), benchmark, where, show=show, quiet=quiet, as_json=as_json)
 

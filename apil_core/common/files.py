@@ -118,6 +118,28 @@ def is_taken(directory: Path) -> bool:
     return any(entry.name != LOCK for entry in directory.iterdir())
 
 
+def unused(base: Path) -> Path:
+    """That path, or if it is there the first of ``-2``, ``-3`` and so on that is not."""
+    path, count = base, 1
+    while path.exists():
+        count += 1
+        path = base.with_name(f"{base.name}-{count}")
+    return path
+
+
+def refuse_taken(directory: Path | str | None) -> None:
+    """Refuse a directory for a new run, before anything else is done: a mistyped --out should fail at once.
+
+    Raises:
+        RunDirError: it exists and is not empty.
+    """
+    if directory is not None and is_taken(Path(directory)):
+        raise RunDirError(
+            f"--out {directory} exists and is not empty: nothing was changed; "
+            f"choose another, or continue it with: apil resume {directory}"
+        )
+
+
 @contextmanager
 def locked(
     file: Path, message: str, error: type[ApilError] = RunDirError, patience: float = 0.0

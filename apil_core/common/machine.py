@@ -15,6 +15,11 @@ def resident_mb() -> float:
     return float(psutil.Process().memory_info().rss) / MEGABYTE
 
 
+def threads_each(workers: int) -> int:
+    """Threads for each of several processes that share the usable CPUs."""
+    return max(usable_cpus() // workers, 1)
+
+
 def usable_cpus() -> int:
     """CPUs this process may run on."""
     if hasattr(os, "sched_getaffinity"):

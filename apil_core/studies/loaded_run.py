@@ -16,9 +16,12 @@ from apil_core.evaluation.options import PairingOptions
 from apil_core.evaluation.pairing import load_pairing
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.evaluation.video.recording import Outcome, RenderOptions, show
+from apil_core.studies.bench.folder import read_score
+from apil_core.studies.curves.curves import final_scores
 from apil_core.studies.curves.groups import read_groups
 from apil_core.training.storage.recorders import read_metrics
-from apil_core.training.storage.run_dir import RunDir, runs_in
+from apil_core.training.storage.run_dir import RunDir
+from apil_core.training.storage.run_list import runs_in
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -128,13 +131,10 @@ class LoadedRun(PathLike[str]):
                 rates = {name: row[f"evaluation/{name}"] for name in names}
                 counts = {"steps": int(row["steps"]), "games": int(row["evaluation/episodes"])}
                 yield {"name": "during training", **counts, **rates}
-        for result in self._run.results().values():
-            if result.get("evaluation"):
-                score = EvaluationResult.model_validate(result["evaluation"])
-                yield {"name": "final", "steps": result["steps"], **_score(score)}
-        for path in sorted((self.path / "scores").glob("*.json")):
-            score = EvaluationResult.model_validate_json(path.read_bytes())
-            yield {"name": path.stem, "steps": score.trained_steps, **_score(score)}
+        kept = sorted(path.stem for path in (self.path / "scores").glob("*.json"))
+        scores = [("final", score) for score in final_scores(self._run)]
+        for name, score in [*scores, *((name, read_score(self.path, name)) for name in kept)]:
+            yield {"name": name, "steps": score.trained_steps, **_score(score)}
 
 
 def load_run(path: PathLike[str] | str) -> LoadedRun:

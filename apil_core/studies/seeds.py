@@ -2,42 +2,35 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from apil_core.api.config import RunConfig
-from apil_core.common.errors import ApilError, ConfigError, RunDirError
-from apil_core.common.files import is_taken
+from apil_core.common.errors import ApilError, ConfigError
+from apil_core.common.files import refuse_taken, unused
+from apil_core.common.machine import threads_each
 from apil_core.plugins.defined import ORIGIN
 from apil_core.plugins.registry import plugins_with
 from apil_core.runs.runner import run
 from apil_core.studies.bench.cells import Benchmark, resolve_matrix
 from apil_core.studies.bench.executor import LocalProcesses
 from apil_core.studies.bench.folder import BenchDir
-from apil_core.studies.bench.jobs import JobStatus, make_jobs
 from apil_core.studies.bench.matrix import Matrix
-from apil_core.studies.bench.schedule import run_jobs
+from apil_core.studies.bench.schedule import run_benchmark
 from apil_core.studies.loaded_run import LoadedRun
-from apil_core.training.storage.run_dir import DEFAULT_ROOT, unused
+from apil_core.training.storage.run_dir import DEFAULT_ROOT
 
 _AXES = {"version", "method", "env", "victim", "seed", "steps", "victim_sha256", "trust"}
 
 
-def seeds_benchmark(config: RunConfig, seeds: Sequence[int], out: Path | str | None) -> Benchmark:
+def seeds_benchmark(config: RunConfig, seeds: Sequence[int]) -> Benchmark:
     """The benchmark of one configuration under several seeds.
 
     Raises:
-        ApilError: a name or value in it is wrong, a seed is named twice, or ``out`` is taken.
+        ApilError: a name or value in it is wrong, or a seed is named twice.
     """
-    for folder in () if out is None else (Path(out), *(Path(out) / f"s{seed}" for seed in seeds)):
-        if is_taken(folder):
-            raise RunDirError(
-                f"--out {folder} exists and is not empty: nothing was changed; "
-                f"choose another, or continue it with: apil resume {folder}"
-            )
     matrix = Matrix(
         title=f"{config.method} in {config.env}, {len(seeds)} seeds",
         methods=(config.method,),
@@ -77,17 +70,12 @@ def run_seeds(
     Raises:
         ApilError: as :func:`apil_core.run`; or a training failed.
     """
-    benchmark, bench = seeds_benchmark(config, seeds, out), seeds_folder(config, out)
+    refuse_taken(out)
+    benchmark, bench = seeds_benchmark(config, seeds), seeds_folder(config, out)
     if workers > 1:
         _check_known_elsewhere(config, session)
-        bench.write_matrix(benchmark.matrix)
-        with bench.lock():
-            jobs, status = make_jobs(benchmark), JobStatus(bench, benchmark)
-            with closing(
-                LocalProcesses(bench.path, workers, max((os.cpu_count() or 1) // workers, 1))
-            ) as pool:
-                failed = run_jobs(jobs, status, pool).having("failed")
-        if failed:
+        start = partial(LocalProcesses, workers=workers, threads=threads_each(workers))
+        if failed := run_benchmark(bench, benchmark, start).having("failed"):
             raise ApilError("; ".join(f"{name}: {bench.failure(name)}" for name in failed))
     else:
         bench.write_matrix(benchmark.matrix)

@@ -27,5 +27,4 @@ def test_a_worker_does_not_run_files_of_the_current_folder(
 def test_every_child_is_started_like_that() -> None:
     sources = [path.read_text("utf-8") for path in Path(apil_core.__file__).parent.rglob("*.py")]
     children = [found for text in sources for found in re.findall(r'sys\.executable, (.*)"-m"', text)]
-    assert set(children) == {'"-P", '}, children
-    assert len(children) >= 4
+    assert children == ['"-P", '] * 3

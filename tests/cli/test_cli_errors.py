@@ -29,6 +29,7 @@ WRONG = {
     ("run", *TINY, "--set", "ppo.hidden=[0]"): "--set ppo.hidden=[0]: ppo.hidden.0: should be greater than 0",
     ("run", *TINY, "--set", "ppo.hidden=[64, -1]"): "ppo.hidden.1: should be greater than 0, got -1",
     ("run", *TINY, "--set", "options.apil.imitator.hidden=[]"): "should have at least 1 item",
+    ("run", "--workers", "2"): "--workers: trainings at a time, so it needs --seeds",
     ("run", "--seeds", "3..1"): "Invalid value for --seeds: '3..1' names no seed, or one twice",
     ("run", "--method", "e_apill", "--env", "coin", "--plugin", str(COIN)): (
         "--method e_apill: unknown method 'e_apill' (did you mean 'e_apil'? known: adrl, "

@@ -9,7 +9,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from apil_core.common.errors import RunDirError, VictimError
-from apil_core.common.files import write_atomically
+from apil_core.common.files import unused, write_atomically
 from apil_core.config.absent import read_stored
 from apil_core.config.kind import is_retraining
 from apil_core.config.layers import file_layer
@@ -18,7 +18,7 @@ from apil_core.config.yaml import commented_yaml
 from apil_core.plugins.registry import default_plugins
 from apil_core.policies.frozen_policy import FrozenPolicy
 from apil_core.runs.retraining.config import NOT_ITS_OWN, RetrainConfig
-from apil_core.training.storage.run_dir import DEFAULT_ROOT, RunDir, unused
+from apil_core.training.storage.run_dir import DEFAULT_ROOT, RunDir
 
 SCHEME = "retrained"
 

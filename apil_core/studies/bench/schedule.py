@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from contextlib import closing
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 from apil_core.runs.stop_signal import on_stop_signal
+from apil_core.studies.bench.cells import Benchmark
 from apil_core.studies.bench.executor import Executor
-from apil_core.studies.bench.jobs import Job, JobStatus
+from apil_core.studies.bench.folder import BenchDir
+from apil_core.studies.bench.jobs import Job, JobStatus, make_jobs
 from apil_core.studies.bench.work import Outcome
 
 State = Literal["waiting", "queued", "running", "done", "failed", "interrupted", "left out"]
@@ -30,6 +34,9 @@ class Watch:
     def stopping(self, at_once: bool) -> None:
         """Called when a stop is requested: with checkpoints, or, the second time, at once."""
 
+    def close(self) -> None:
+        """Called at the end; restores the terminal."""
+
 
 @dataclass
 class BenchResult:
@@ -48,6 +55,30 @@ class BenchResult:
     def having(self, state: State) -> list[str]:
         """Jobs with that status."""
         return [name for name, found in self.states.items() if found == state]
+
+
+def run_benchmark(
+    bench: BenchDir,
+    benchmark: Benchmark,
+    start: Callable[[Path], Executor],
+    watching: Callable[[Sequence[Job], JobStatus], Watch] = lambda jobs, status: Watch(),
+) -> BenchResult:
+    """Do all jobs of a benchmark that are not done yet; see :func:`run_jobs`.
+
+    Args:
+        bench: its directory, locked meanwhile; gets the matrix.
+        benchmark: resolved.
+        start: makes the executor for the directory.
+        watching: makes the watch.
+
+    Raises:
+        RunDirError: another process is running it.
+    """
+    jobs, status = make_jobs(benchmark), JobStatus(bench, benchmark)
+    with bench.lock():
+        bench.write_matrix(benchmark.matrix)
+        with closing(watching(jobs, status)) as watch, closing(start(bench.path)) as executor:
+            return run_jobs(jobs, status, executor, watch)
 
 
 def run_jobs(

@@ -7,9 +7,10 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from apil_core.common.trust import FLAG
 from apil_core.studies.bench.folder import BenchDir
@@ -20,6 +21,28 @@ _INTERRUPTED = 130
 
 _BETWEEN = 0.1
 """Seconds between checks whether it has ended."""
+
+
+def start_supervised(words: Sequence[str], **options: Any) -> subprocess.Popen[bytes]:
+    """Start ``apil WORDS`` in a process that stops with a checkpoint when this one ends or lets go.
+
+    Args:
+        words: a command that follows its supervisor (cli/bench_work.py); what it loads was checked here.
+        options: of ``subprocess.Popen``.
+
+    Raises:
+        OSError: no process can be started.
+    """
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "apil_core.cli", *words, FLAG],
+        # one tracker run cannot hold several trainings
+        env={key: value for key, value in os.environ.items() if key != "WANDB_RUN_ID"},
+        # its other end closes when this process ends, even if killed
+        stdin=subprocess.PIPE,
+        # Ctrl-C reaches the supervisor only, so that each process gets one signal on any terminal
+        start_new_session=True,
+        **options,
+    )
 
 
 class SupervisedJob:
@@ -42,25 +65,8 @@ class SupervisedJob:
         path = self._bench.log_path(job)
         path.parent.mkdir(parents=True, exist_ok=True)
         self._log = path.open("ab")
-        command = [sys.executable, "-P", "-m", "apil_core.cli", "bench", "work", str(root), job]
-        self._process = subprocess.Popen(
-            [
-                *command,
-                "--threads",
-                str(threads),
-                "--supervised",
-                FLAG,
-            ],  # the matrix was checked before the first job
-            cwd=folder,
-            # one tracker run cannot hold several cells
-            env={key: value for key, value in os.environ.items() if key != "WANDB_RUN_ID"},
-            # its other end closes when this process ends, even if killed: see cli/bench_work.py
-            stdin=subprocess.PIPE,
-            stdout=self._log,
-            stderr=self._log,
-            # Ctrl-C reaches the supervisor only, so that each job gets one signal on any terminal
-            start_new_session=True,
-        )
+        words = ["bench", "work", str(root), job, "--threads", str(threads), "--supervised"]
+        self._process = start_supervised(words, cwd=folder, stdout=self._log, stderr=self._log)
 
     def stop(self) -> None:
         """Ask it to stop with a checkpoint; the second time: at once."""

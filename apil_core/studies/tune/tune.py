@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
-import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -17,13 +15,14 @@ from apil_core.api.config import RunConfig
 from apil_core.common.errors import ConfigError
 from apil_core.common.extras import need
 from apil_core.common.files import write_atomically
-from apil_core.common.trust import FLAG
+from apil_core.common.machine import threads_each
 from apil_core.config.resolve import complete, dump_yaml
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.evaluation.score import evaluate
 from apil_core.plugins.defined import defined
 from apil_core.plugins.registry import plugins_with
 from apil_core.runs.runner import prepared
+from apil_core.studies.bench.supervised import start_supervised
 from apil_core.studies.loaded_run import Media
 from apil_core.studies.tune.space import TRIALS, Space
 from apil_core.training.distributed.world import ALONE
@@ -141,7 +140,7 @@ def run_study(
             study.enqueue_trial(default, user_attrs={"default": True}, skip_if_exists=True)
         trials = trials or int(study.user_attrs.get("trials", TRIALS))
         study.set_user_attr("trials", trials)
-        threads = space.config.threads or max((os.cpu_count() or 1) // workers, 1)
+        threads = space.config.threads or threads_each(workers)
         with _helpers(workers - 1, directory.path, trials, threads, quiet=note is None) as wait:
             done = work(directory, space, trials, threads, note or str) and wait()
         try:
@@ -180,15 +179,8 @@ def _helpers(
 
 def _helper(path: Path, trials: int, threads: int, quiet: bool) -> subprocess.Popen[bytes]:
     """Start a worker process; it stops with a checkpoint when its standard input closes."""
-    command = [sys.executable, "-P", "-m", "apil_core.cli", "tune", str(path), "--worker"]
-    command += ["--trials", str(trials), "--threads", str(threads), *(["--quiet"] if quiet else [])]
-    return subprocess.Popen(
-        [*command, FLAG],  # checked already
-        env={key: value for key, value in os.environ.items() if key != "WANDB_RUN_ID"},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        start_new_session=True,  # Ctrl-C reaches this process only
-    )
+    words = ["tune", str(path), "--worker", "--trials", str(trials), "--threads", str(threads)]
+    return start_supervised([*words, *(["--quiet"] if quiet else [])], stdout=subprocess.DEVNULL)
 
 
 def _finish(directory: StudyDir, space: Space, study: Study, done: bool) -> None:

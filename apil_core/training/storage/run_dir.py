@@ -15,7 +15,7 @@ from pydantic import BaseModel, ValidationError
 from apil_core.api.config import RunConfig
 from apil_core.common.documents import EXACT
 from apil_core.common.errors import RunDirError
-from apil_core.common.files import LOCK, is_taken, locked, read_json, write_atomically
+from apil_core.common.files import LOCK, is_taken, locked, read_json, unused, write_atomically
 from apil_core.common.trust import remember
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.training.storage.environment import environment
@@ -368,44 +368,6 @@ def part_of_rank(path: Path, rank: int) -> Path:
     return path if rank == 0 else path.with_name(f"{path.name}.rank{rank}")
 
 
-def list_runs(root: Path = DEFAULT_ROOT) -> list[RunDir]:
-    """All directories of runs and retrainings below ``root``, by path; those behind links too, each once."""
-    found, seen = [], set()
-    for folder, names, files in os.walk(root, followlinks=True):
-        if (real := os.path.realpath(folder)) in seen:
-            names.clear()
-            continue
-        seen.add(real)
-        names.sort(key=lambda name: (os.path.islink(os.path.join(folder, name)), name))  # links last
-        if "config.yaml" in files:
-            found.append(Path(folder))
-    return [RunDir(path) for path in sorted(found)]
-
-
-def runs_in(directories: Sequence[Path]) -> list[RunDir]:
-    """The runs that these directories are, or contain.
-
-    Raises:
-        RunDirError: one is neither.
-    """
-    found: list[RunDir] = []
-    for directory in directories:
-        below = [RunDir(directory)] if (directory / "config.yaml").is_file() else list_runs(directory)
-        if not below:
-            raise RunDirError(f"{directory} is no run directory (no config.yaml in it), nor has it any below")
-        found += below
-    return found
-
-
 def _default_path(config: RunConfig) -> Path:
     stamp = time.strftime("%Y%m%d-%H%M%S")
     return unused(DEFAULT_ROOT / config.env / config.method / f"{stamp}-s{config.seed}")
-
-
-def unused(base: Path) -> Path:
-    """That path, or if it is there the first of ``-2``, ``-3`` and so on that is not."""
-    path, count = base, 1
-    while path.exists():
-        count += 1
-        path = base.with_name(f"{base.name}-{count}")
-    return path
