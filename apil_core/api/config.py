@@ -76,10 +76,11 @@ class Section(BaseModel):
     @classmethod
     def _whole_number(cls, value: Any, info: ValidationInfo) -> Any:
         """300k and 35M as numbers, for fields that are whole numbers."""
-        kinds = _types(cls.model_fields[info.field_name or ""].annotation)
-        with suppress(ValueError):
-            return whole_number(value) if isinstance(value, str) and {int, str} & kinds == {int} else value
-        return value  # the field's own validation says what is wrong
+        if isinstance(value, str):
+            kinds = _types(cls.model_fields[info.field_name or ""].annotation)
+            with suppress(ValueError):  # the field's own validation says what is wrong
+                return whole_number(value) if {int, str} & kinds == {int} else value
+        return value
 
 
 Width = Annotated[int, Field(gt=0, le=2**16)]

@@ -148,15 +148,7 @@ def resume(
             trainer.stopped = state.get("stopped", "")
         world.wait()  # until all have read the files that the first process now changes
         if world.is_main:
-            truncate_metrics(directory.metrics_path, iterations_in_rows(state))
-            directory.abandon_after(state["iteration"])
-            _abandon_best_after(directory.best_path, state["steps"])
-            best = EvaluationHistory(state.get("evaluations", ())).best
-            if best and best["steps"] == state["steps"]:  # it may have been killed before it wrote this
-                checkpoint.save(directory.best_path, state)
-            if path == directory.best_path:  # else a stop before the next checkpoint could not be resumed
-                checkpoint.save(directory.checkpoint_path(state["iteration"]), state)
-            directory.retire_result(int(state["steps"]))
+            _back_to(directory, path, state)
             directory.write_config(trainer.config, registry)
             directory.note_environment(command)
         progress = progress or Progress()
@@ -187,6 +179,19 @@ def _read(path: Path, stored: RunConfig, registry: PluginRegistry, world: World)
     check_same_run(state, stored, registry, path)
     check_same_world(state, world, path)
     return state if world.is_main else checkpoint.read(part_of_rank(path, world.rank))
+
+
+def _back_to(directory: RunDir, path: Path, state: dict[str, Any]) -> None:
+    """Set aside what the run wrote after the checkpoint at ``path``, from which it takes another course."""
+    truncate_metrics(directory.metrics_path, iterations_in_rows(state))
+    directory.abandon_after(state["iteration"])
+    _abandon_best_after(directory.best_path, state["steps"])
+    best = EvaluationHistory(state.get("evaluations", ())).best
+    if best and best["steps"] == state["steps"]:  # it may have been killed before it wrote this
+        checkpoint.save(directory.best_path, state)
+    if path == directory.best_path:  # else a stop before the next checkpoint could not be resumed
+        checkpoint.save(directory.checkpoint_path(state["iteration"]), state)
+    directory.retire_result(int(state["steps"]))
 
 
 def _abandon_best_after(path: Path, steps: int) -> None:

@@ -246,10 +246,8 @@ class Session:
         trainer.hook.iteration_finished(run=trainer, metrics=metrics)
         if self.history.best is not best:
             self._follow()
-            if (
-                self.world.size == 1
-            ):  # a kill before the next checkpoint would cost this best and the last one
-                self.save()
+            if self.world.size == 1:
+                self.save()  # a kill before the next checkpoint would cost this best and the last one
             checkpoint.save(self.run_dir.best_path, self._state())
 
     def save(self) -> None:

@@ -42,6 +42,8 @@ from apil_core.training.rollout_buffer import RolloutBuffer
 
 _OWN_TERMS = {"adversary", "victim", "uneven_share", "relabelled"}
 """Names under ``reward/`` in the metrics that plugins cannot use."""
+_NORMALIZED = ("shaped", "adversary", "victim")
+"""Rewards with a normaliser each."""
 
 
 @dataclass
@@ -115,10 +117,8 @@ class AttackEnv:
         """The hook, called with ``step``; the trainer replaces it by one that passes the run."""
         self.stats = EpisodeStats(self.num_envs, game.layout.causes, self.device)
         self.buffer = RolloutBuffer(config.ppo.num_steps)
-        gamma = config.ppo.gamma
         self.normalizers = {
-            name: ReturnNormalizer(self.num_envs, gamma).to(self.device)
-            for name in ("shaped", "adversary", "victim")
+            name: ReturnNormalizer(self.num_envs, config.ppo.gamma).to(self.device) for name in _NORMALIZED
         }
         self.privileged: ObservationNormalizer | None = None
         """Normaliser of the victim's observation, for critics that read it."""
