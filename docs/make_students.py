@@ -23,7 +23,7 @@ from apil_core.evaluation.fidelity.rows import FidelityRow, read_rows
 from apil_core.evaluation.results import wilson
 from apil_core.plugins.registry import default_plugins
 from apil_core.policies.embedded import folder
-from apil_core.policies.student import load_file, save_file
+from apil_core.policies.student import load_file, save_policy
 from apil_core.runs.distillation.config import DistillConfig
 from apil_core.runs.distillation.report import Report
 
@@ -103,7 +103,7 @@ def ship(directory: Path, episodes: int = 1000) -> Row:
     student = load_file(directory / "student.safetensors", "student")
     target = folder() / f"{report.teacher.removeprefix('zoo:')}.safetensors"
     target.parent.mkdir(parents=True, exist_ok=True)
-    save_file(target, student.shape, student.weights, student.info.provenance)
+    save_policy(target, student.shape, student.weights, student.info.provenance)
     row = Row(report, config.network, play(report, episodes))
     provenance = dict(student.info.provenance)
     for who, result in (("student", row.result), ("teacher", teacher_row(row).result)):
@@ -111,7 +111,7 @@ def ship(directory: Path, episodes: int = 1000) -> Row:
         provenance[f"{who}_score"] = (
             f"win {wins}, tie {ties}, loss {losses} of {games} games against {report.opponent}, sampled"
         )
-    save_file(target, student.shape, student.weights, provenance)
+    save_policy(target, student.shape, student.weights, provenance)
     print(f"{row.name}: {provenance['student_score']}; teacher: {provenance['teacher_score']}")
     return row
 

@@ -74,12 +74,8 @@ def test_the_file_acts_as_the_network_that_was_trained(
     z = ((observation - mean) / std).clamp(-2, 2)
     with torch.no_grad():
         at_once, _ = learner.network(z, done, learner.network.zero_state(games))
-    learner.begin(games)
     first = torch.ones(games, dtype=torch.bool)
     for t in range(steps):
-        by_step = learner.act(z[t])
-        learner.ended(done[t])
-        torch.testing.assert_close(by_step, at_once[t], rtol=1e-4, atol=1e-5)
         acted = student.act(view(observation[t], first), sample=False, activations=True)
         torch.testing.assert_close(acted.action, at_once[t] * log_std.exp(), rtol=1e-4, atol=1e-5)
         assert acted.activations is not None

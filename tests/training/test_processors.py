@@ -29,12 +29,12 @@ here, random = {"env": "toy-pursuit"}, "baseline:random/7x2"
 flags = {**here, "victim": evader, "ppo.hidden": wide, "adversary_share": 1}
 retraining = prepare_retraining(settings([random], flags), plugins)
 distilling = DistillConfig(**here, role="evader", teacher=evader, opponent=random, hidden=wide)
-course = prepare_distillation(named(distilling, plugins), plugins).course
+student = prepare_distillation(named(distilling, plugins), plugins)
 states = {
     "run": attack.learner.state_dict(),
     "methods": {name: method.state_dict() for name, method in attack.methods.items()},
     "retraining": retraining.trainer.learner.state_dict(),
-    "distillation": course.learner.state_dict(),
+    "distillation": student.learner.state_dict(),
 }
 assert torch.get_num_threads() == int(sys.argv[2])
 for name, state in states.items():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -20,38 +19,11 @@ from apil_core.plugins.default_victim import is_here
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
 from apil_core.policies.loading import LoadOptions, load_victim
-from apil_core.policies.network import NetworkShape
-from apil_core.runs.distillation.collector import Collector
 from apil_core.runs.distillation.config import DistillConfig
-from apil_core.runs.distillation.learner import StudentLearner
-from apil_core.runs.distillation.trainer import Course
+from apil_core.runs.distillation.trainer import DistillTrainer
 from apil_core.training.build import check_device
 
 _LONGEST_BLOCK = 512
-
-
-@dataclass
-class Setting:
-    """The parts of a distillation.
-
-    Attributes:
-        config: with every ``auto`` and ``null`` resolved.
-        game, practice: with the game's own options, and with those of ``config.practice``; may be one.
-        side: the student's seat.
-    """
-
-    config: DistillConfig
-    game: Game
-    practice: Game
-    teacher: Policy
-    opponent: Policy
-    side: int
-    course: Course
-
-    def close(self) -> None:
-        """Release the games."""
-        self.game.close()
-        self.practice.close()
 
 
 def named(config: DistillConfig, plugins: PluginRegistry) -> DistillConfig:
@@ -88,7 +60,7 @@ def agent(spec: GameSpec, side: int, plugins: PluginRegistry, flag: str) -> str:
 
 
 @one_torch_thread()
-def prepare(config: DistillConfig, plugins: PluginRegistry) -> Setting:
+def prepare(config: DistillConfig, plugins: PluginRegistry) -> DistillTrainer:
     """Build everything; ``config`` comes from :func:`named`. Seeds torch's global generator.
 
     Raises:
@@ -99,21 +71,21 @@ def prepare(config: DistillConfig, plugins: PluginRegistry) -> Setting:
     game = _game(config, plugins, {})
     practice = _game(config, plugins, config.practice) if config.practice else game
     try:
-        load_options = LoadOptions(config.trust)
-        teacher = load_victim(config.teacher, game, side, config.device, plugins, load_options)
-        opponent = load_victim(config.opponent, game, 1 - side, config.device, plugins, load_options)
+        teacher, opponent = (
+            load_victim(name, game, seat, config.device, plugins, LoadOptions(config.trust))
+            for name, seat in ((config.teacher, side), (config.opponent, 1 - side))
+        )
         seats = game.layout.sides
         log_std, recurrent = spread_of(teacher, seats[side], seats[1 - side], device)
         full = _complete(config, game.layout.max_steps, recurrent).model_copy(
             update={"teacher": teacher.info.name, "opponent": opponent.info.name}  # found from anywhere
         )
         torch.manual_seed(config.seed)  # the student's first weights
-        course = _course(full, (game, practice), teacher, opponent, side, log_std, device)
+        return DistillTrainer(full, (game, practice), teacher, opponent, side, log_std)
     except BaseException:
         game.close()
         practice.close()
         raise
-    return Setting(full, game, practice, teacher, opponent, side, course)
 
 
 def _game(config: DistillConfig, plugins: PluginRegistry, changed: Mapping[str, Any]) -> Game:
@@ -164,32 +136,3 @@ def _complete(config: DistillConfig, max_steps: int, recurrent: bool) -> Distill
         "learning_rate": config.learning_rate or (2e-3 if kind == "lstm" else 1e-2),
     }
     return config.model_copy(update=filled)
-
-
-def _course(
-    config: DistillConfig,
-    games: tuple[Game, Game],
-    teacher: Policy,
-    opponent: Policy,
-    side: int,
-    log_std: Tensor,
-    device: torch.device,
-) -> Course:
-    seat = games[0].layout.sides[side]
-    assert config.network != "auto"
-    assert config.hidden is not None
-    assert config.block_steps is not None
-    assert config.learning_rate is not None
-    sizes = seat.observation_size, seat.action_size
-    width, embed = (config.width, config.embed) if config.network == "lstm" else (0, 0)
-    shape = NetworkShape(config.network, *sizes, width, config.hidden, config.observation_clip, embed)
-    learner = StudentLearner(
-        shape,
-        minibatch=config.minibatch,
-        gradient_length=config.gradient_length,
-        learning_rate=config.learning_rate,
-        device=device,
-    )
-    sides = (side, 1 - side) if config.both_seats else (side,)
-    real, easy = (Collector(each, teacher, opponent, log_std.exp(), config.seed, device) for each in games)
-    return Course(config, shape, real, easy, learner, log_std, sides, config.block_steps)

@@ -1,11 +1,9 @@
-"""Collect the games a student learns from: the student acts, the teacher labels (DAgger)."""
+"""Play the games a student learns from: the student acts, the teacher labels (DAgger)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -14,24 +12,9 @@ from apil_core.api.policy import Policy
 from apil_core.api.types import View
 from apil_core.common.errors import VictimError
 from apil_core.common.seeds import stream_generator, stream_seed
+from apil_core.games.two_players import TwoPlayerGames
+from apil_core.runs.distillation.learner import Block
 from apil_core.runs.distillation.opponents import PerturbedOpponent
-
-OnStep = Callable[[int], None]
-
-
-@dataclass
-class Sample:
-    """One step of all games, from the student's side.
-
-    Attributes:
-        observation: as the game gave it, (n, o).
-        label: the teacher's mean action, (n, a).
-        done: (n,) bool, the game ended with this step.
-    """
-
-    observation: Tensor
-    label: Tensor
-    done: Tensor
 
 
 @dataclass(frozen=True)
@@ -56,38 +39,28 @@ class Roles:
         return cls(teacher, row // 16 % 4 != 3, row // 4 % 2 == 1)
 
 
+@dataclass(frozen=True)
 class Collector:
     """Plays blocks of games with the student, the teacher and the opponent.
 
-    Args:
+    Attributes:
         game: stepped here; reseeded for every block.
         teacher: policy with a distribution.
         opponent: in the other seat.
-        std: standard deviation of the student's draws, (a,).
+        std: standard deviation of the student's draws, (a,), on the device of the policies.
         seed: of the distillation.
-        device: of the networks.
     """
 
-    def __init__(
-        self, game: Game, teacher: Policy, opponent: Policy, std: Tensor, seed: int, device: torch.device
-    ):
-        self.game = game
-        self.teacher = teacher
-        self.opponent = opponent
-        self._std = std
-        self._seed = seed
-        self._device = device
+    game: Game
+    teacher: Policy
+    opponent: Policy
+    std: Tensor
+    seed: int
 
     @torch.no_grad()
     def play(
-        self,
-        name: str,
-        side: int,
-        steps: int,
-        roles: Roles,
-        act: Callable[[Tensor, Tensor], Tensor] | None,
-        take: Callable[[Sample], None],
-    ) -> None:
+        self, name: str, side: int, steps: int, roles: Roles, student: Policy | None
+    ) -> tuple[Block, Tensor]:
         """Start new games and play ``steps`` steps of each; a function of ``name``, the seed and the student.
 
         Args:
@@ -95,32 +68,36 @@ class Collector:
             side: the student's seat.
             steps: per game.
             roles: of the policies, by game.
-            act: the student's mean action for observations (n, o) and labels (n, a), (n, a); ``None``
-                where only the teacher acts.
-            take: gets every step.
+            student: acts where the teacher does not; ``None``: only the teacher acts.
+
+        Returns:
+            the steps, observations as the game gave them, and the student's mean actions, (T, n, a).
 
         Raises:
             VictimError: the teacher has no distribution whose mean could be learnt.
         """
-        game, device = self.game, self._device
-        generator = stream_generator(self._seed, f"distillation {name}", device)
+        device, seat = self.std.device, self.game.layout.sides[side]
+        generator = stream_generator(self.seed, f"distillation {name}", device)
         against = PerturbedOpponent(self.opponent, roles.perturbed, generator)
-        game.seed(stream_seed(self._seed, f"distillation games {name}"))
+        self.game.seed(stream_seed(self.seed, f"distillation games {name}"))
         for who, policy in (("teacher", self.teacher), ("opponent", self.opponent)):
-            policy.seed(stream_seed(self._seed, f"distillation {who} {name}"))  # generators of its own
-        game.reset()
-        first = torch.ones(game.num_envs, dtype=torch.bool, device=device)
-        for _ in range(steps):
-            own, other = (torch.from_numpy(game.observations[i]).to(device) for i in (side, 1 - side))
-            label = self._label(View(own, other, first))
-            mean = (
-                label if act is None else torch.where(roles.teacher_acts.unsqueeze(1), label, act(own, label))
-            )
-            noise = torch.randn(mean.shape, generator=generator, device=device) * self._std
-            action = mean + noise * roles.sampled.unsqueeze(1)
-            answer = against.act(View(other, own, first))
-            first = self._step(side, action, answer)
-            take(Sample(own, label, first))
+            policy.seed(stream_seed(self.seed, f"distillation {who} {name}"))  # generators of its own
+        block = Block.empty(steps, self.game.num_envs, seat.observation_size, seat.action_size, device)
+        means = torch.zeros_like(block.label)
+        games = TwoPlayerGames(self.game, device)
+        games.reset()
+        for t in range(steps):
+            view = games.view(side)
+            label = self._label(view)
+            mean = label if student is None else student.act(view, sample=False).action
+            acted = torch.where(roles.teacher_acts.unsqueeze(1), label, mean)
+            noise = torch.randn(acted.shape, generator=generator, device=device) * self.std
+            action = acted + noise * roles.sampled.unsqueeze(1)
+            block.observation[t], block.label[t], means[t] = view.own, label, mean
+            done = games.step({side: action, 1 - side: against.act(games.view(1 - side))}).done
+            block.done[t] = torch.from_numpy(done)
+            games.reset(done)
+        return block, means
 
     def _label(self, view: View) -> Tensor:
         distribution = self.teacher.act(view, sample=False).distribution
@@ -129,10 +106,3 @@ class Collector:
                 f"{self.teacher.info.name} has no action distribution: its mean cannot be learnt"
             )
         return distribution.mean
-
-    def _step(self, side: int, action: Tensor, answer: Tensor) -> Tensor:
-        chosen = {side: action.cpu().numpy(), 1 - side: answer.cpu().numpy()}
-        done = np.array(self.game.step((chosen[0], chosen[1])).done)
-        if done.any():
-            self.game.reset(done)
-        return torch.from_numpy(done).to(self._device)

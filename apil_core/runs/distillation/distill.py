@@ -3,30 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from apil_core.api.policy import Policy
-from apil_core.common.errors import VictimError
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult
-from apil_core.evaluation.score import MAX_PARALLEL_GAMES
 from apil_core.plugins.defined import as_text
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.plugins.registry import default_plugins, make_game
+from apil_core.plugins.registry import default_plugins
 from apil_core.policies.frozen_policy import FrozenPolicy
-from apil_core.policies.network import Standardizer
 from apil_core.policies.student import load_file, save_policy, weights_sha256
-from apil_core.runs.distillation.build import Setting, named, prepare
+from apil_core.runs.distillation.build import named, prepare
 from apil_core.runs.distillation.config import DistillConfig, settings
 from apil_core.runs.distillation.distill_dir import DistillDir
-from apil_core.runs.distillation.learner import Block
-from apil_core.runs.distillation.report import Report, make_report, score_of
-from apil_core.runs.distillation.trainer import Entry
+from apil_core.runs.distillation.report import Report, make_report, scores_of
+from apil_core.runs.distillation.trainer import DistillTrainer, Entry
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.environment import environment
 
@@ -59,13 +54,10 @@ def distill(
     """
     registry = plugins or default_plugins()
     config = config or settings({key: as_text(value) for key, value in changes.items()}, plugins=registry)
-    setting = prepare(named(config, registry), registry)
-    try:
-        directory = DistillDir.begin(Path(out), setting.config, command)
+    with closing(prepare(named(config, registry), registry)) as trainer:
+        directory = DistillDir.begin(Path(out), trainer.config, command)
         with directory.lock():
-            return _go(setting, directory, progress or Progress(), on_stage, registry)
-    finally:
-        setting.close()
+            return _go(trainer, directory, progress or Progress(), on_stage, registry)
 
 
 def resume_distillation(
@@ -85,131 +77,61 @@ def resume_distillation(
     if (finished := directory.report()) is not None:
         directory.drop_blocks()  # killed after the report was written
         return finished
-    config = directory.settings()
-    with directory.lock():
-        registry = plugins or default_plugins()
-        setting = prepare(config, registry)
-        try:
-            _restore(setting, directory)
-            return _go(setting, directory, progress or Progress(), on_stage, registry)
-        finally:
-            setting.close()
+    config, registry = directory.settings(), plugins or default_plugins()
+    with directory.lock(), closing(prepare(config, registry)) as trainer:
+        if directory.checkpoints():
+            state = checkpoint.read(directory.newest_checkpoint())
+            played = range(min(len(state["log"]), trainer.rounds))
+            blocks = [directory.load_block(number, trainer.log_std.device) for number in played]
+            trainer.load_state_dict(state, blocks)
+        return _go(trainer, directory, progress or Progress(), on_stage, registry)
 
 
 def _go(
-    setting: Setting,
+    trainer: DistillTrainer,
     directory: DistillDir,
     progress: Progress,
     on_stage: OnStage | None,
     plugins: PluginRegistry,
 ) -> Report:
-    course = setting.course
     with one_torch_thread():
-        while course.done < course.stages:
-            entry = course.advance()
-            _keep(setting, directory)
+        while trainer.done < trainer.stages:
+            entry = trainer.advance()
+            if entry.stage <= trainer.rounds:  # first the block, then the state that counts it
+                directory.save_block(entry.stage - 1, trainer.blocks[-1])
+            checkpoint.save(directory.checkpoint_path(entry.stage), trainer.state_dict())
+            directory.prune(1)
             if on_stage is not None:
-                on_stage(entry, course.stages)
-        student = _student(setting, directory, {})
-        scores = _scores(setting, student, progress, plugins)
-        report = make_report(setting, student, scores)
-    _student(setting, directory, _figures(report))
+                on_stage(entry, trainer.stages)
+        student = _write_student(trainer, directory, {})
+        report = make_report(trainer, student, scores_of(trainer, student, progress, plugins))
+    _write_student(trainer, directory, _figures(report))
     directory.write_json(directory.report_path, report.model_dump(mode="json"))
     directory.drop_blocks()
     return report
 
 
-def _keep(setting: Setting, directory: DistillDir) -> None:
-    """Store a stage's result: a block if it played one, then the state that counts it."""
-    course = setting.course
-    if course.done == len(course.blocks):  # every stage so far played one
-        directory.save_block(course.done - 1, course.blocks[-1].tensors())
-    assert course.standardize is not None
-    fixed = course.standardize
-    checkpoint.save(
-        directory.checkpoint_path(course.done),
-        {
-            "log": [asdict(entry) for entry in course.log],
-            "standard": {"mean": fixed.mean, "std": fixed.std, "clip": fixed.clip},
-            "learner": course.learner.state_dict(),
-            "policies": {who: policy.info.sha256 for who, policy in _who(setting).items()},
-        },
-    )
-    directory.prune(1)
-
-
-def _who(setting: Setting) -> dict[str, Policy]:
-    """Policies that must not change between sessions, by part."""
-    return {"teacher": setting.teacher, "opponent": setting.opponent}
-
-
-def _restore(setting: Setting, directory: DistillDir) -> None:
-    if not directory.checkpoints():
-        return
-    state = checkpoint.read(directory.newest_checkpoint())
-    for who, policy in _who(setting).items():
-        expected = state["policies"][who]
-        if policy.info.sha256 != expected:
-            raise VictimError(
-                f"the {who} {policy.info.name} has changed since the distillation began: "
-                f"SHA-256 {policy.info.sha256}, expected {expected}"
-            )
-    course = setting.course
-    course.log = [Entry(**entry) for entry in state["log"]]
-    device = course.log_std.device
-    fixed = state["standard"]
-    course.standardize = Standardizer(fixed["mean"].to(device), fixed["std"].to(device), fixed["clip"])
-    course.learner.load_state_dict(state["learner"])
-    for number in range(min(course.done, course.rounds)):
-        kept = {name: tensor.to(device) for name, tensor in directory.load_block(number).items()}
-        course.blocks.append(Block(kept["observation"], kept["label"], kept["done"]))
-
-
-def _student(setting: Setting, directory: DistillDir, more: dict[str, Any]) -> FrozenPolicy:
+def _write_student(trainer: DistillTrainer, directory: DistillDir, more: dict[str, Any]) -> FrozenPolicy:
     """Write the student's file and read it back, so that the scored student is the stored one."""
-    weights = setting.course.weights()
+    weights = trainer.weights()
     made = environment(())
-    config, teacher = setting.config, setting.teacher.info
+    config, teacher = trainer.config, trainer.teacher.info
     provenance = {
         "teacher": teacher.name,
         "teacher_sha256": teacher.sha256,
-        "opponent": setting.opponent.info.name,
+        "opponent": trainer.opponent.info.name,
         "env": config.env,
         "role": config.role,
-        "steps": setting.course.steps,
+        "steps": trainer.steps,
         "network": f"{config.network} {config.width if config.network != 'mlp' else ''}".strip(),
         "seed": config.seed,
         "code": f"apil {made['versions']['apil']}, git {made['git'] or 'unknown'}",
         "time": made["time"],
         **more,
     }
-    save_policy(directory.student_path, setting.course.shape, weights, provenance)
+    save_policy(directory.student_path, trainer.shape, weights, provenance)
     name = f"student:{weights_sha256(weights)[:12]} of {teacher.name}"
-    student = load_file(directory.student_path, name)
-    return student.to(torch.device(config.device))
-
-
-def _scores(
-    setting: Setting, student: FrozenPolicy, progress: Progress, plugins: PluginRegistry
-) -> dict[str, EvaluationResult]:
-    """Score both on the same games, as many in parallel as in ``apil eval``."""
-    config = setting.config
-    if not config.episodes:
-        return {}
-    game = make_game(
-        config.env,
-        num_envs=min(config.episodes, MAX_PARALLEL_GAMES),
-        threads=config.threads,
-        options=config.game,
-        plugins=plugins,
-    )
-    try:
-        return {
-            "student_score": score_of(student, setting, game, progress),
-            "teacher_score": score_of(setting.teacher, setting, game, progress),
-        }
-    finally:
-        game.close()
+    return load_file(directory.student_path, name).to(torch.device(config.device))
 
 
 def _figures(report: Report) -> dict[str, str]:

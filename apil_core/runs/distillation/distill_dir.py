@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeVar
 
+import torch
 from pydantic import BaseModel, ValidationError
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save
-from torch import Tensor
 
 from apil_core.common.errors import RunDirError
 from apil_core.common.files import write_atomically
 from apil_core.common.trust import named_in
 from apil_core.runs.distillation.config import DistillConfig
+from apil_core.runs.distillation.learner import Block
 from apil_core.runs.distillation.report import Report
 from apil_core.training.storage.run_dir import RunDir
 
@@ -79,12 +80,12 @@ class DistillDir(RunDir):
         """Path of a round's block."""
         return self.path / f"block-{number:03d}.safetensors"
 
-    def save_block(self, number: int, tensors: Mapping[str, Tensor]) -> None:
+    def save_block(self, number: int, block: Block) -> None:
         """Store a block; blocks never change."""
-        content = save({name: tensor.cpu().contiguous() for name, tensor in tensors.items()})
+        content = save({name: tensor.cpu().contiguous() for name, tensor in vars(block).items()})
         write_atomically(self.block_path(number), lambda file: file.write(content))
 
-    def load_block(self, number: int) -> dict[str, Tensor]:
+    def load_block(self, number: int, device: torch.device) -> Block:
         """Read a block.
 
         Raises:
@@ -92,8 +93,8 @@ class DistillDir(RunDir):
         """
         path = self.block_path(number)
         try:
-            return load_file(path)
-        except (OSError, SafetensorError) as error:
+            return Block(**load_file(path, str(device)))
+        except (OSError, SafetensorError, TypeError) as error:
             raise RunDirError(
                 f"{path} is missing or damaged: {error}; begin anew in another --out"
             ) from error

@@ -12,50 +12,37 @@ over components, is then KL(teacher ‖ student) in nats.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
-from apil_core.policies.network import LstmState, NetworkShape, PolicyNetwork
+from apil_core.policies.network import NetworkShape, PolicyNetwork
 
 
 @dataclass
 class Block:
-    """The data of one round, time first.
+    """The steps of one round, time first; to learn from, observations are standardised and labels in σ.
 
     Attributes:
-        observation: standardised, (T, n, o).
-        label: the teacher's mean action in units of σ, (T, n, a).
+        observation: (T, n, o).
+        label: the teacher's mean action, (T, n, a).
         done: (T, n) bool, a game ended with this step.
-        filled: steps recorded so far.
     """
 
     observation: Tensor
     label: Tensor
     done: Tensor
-    filled: int = field(default=0, compare=False)
 
     @classmethod
-    def empty(cls, steps: int, games: int, shape: NetworkShape, device: torch.device) -> Block:
-        """Allocate an empty block."""
+    def empty(cls, steps: int, games: int, observation: int, action: int, device: torch.device) -> Block:
+        """Allocate an empty block of those sizes."""
         return cls(
-            torch.zeros(steps, games, shape.observation_size, device=device),
-            torch.zeros(steps, games, shape.action_size, device=device),
+            torch.zeros(steps, games, observation, device=device),
+            torch.zeros(steps, games, action, device=device),
             torch.zeros(steps, games, dtype=torch.bool, device=device),
         )
-
-    def record(self, observation: Tensor, label: Tensor, done: Tensor) -> None:
-        """Record the next step of all games."""
-        self.observation[self.filled] = observation
-        self.label[self.filled] = label
-        self.done[self.filled] = done
-        self.filled += 1
-
-    def tensors(self) -> dict[str, Tensor]:
-        """The block's tensors by name."""
-        return {"observation": self.observation, "label": self.label, "done": self.done}
 
 
 class StudentLearner:
@@ -83,25 +70,6 @@ class StudentLearner:
         self._minibatch = minibatch
         self._length = gradient_length
         self._optimizer = torch.optim.Adam(self.network.parameters(), lr=learning_rate)
-        self._memory: LstmState | None = None
-
-    def begin(self, games: int) -> None:
-        """Start new games in all rows."""
-        self._memory = self.network.zero_state(games)
-
-    @torch.no_grad()
-    def act(self, z: Tensor) -> Tensor:
-        """Mean actions in units of σ for standardised observations, (n, o) → (n, a)."""
-        assert self._memory is not None, "begin() comes first"
-        no_reset = torch.zeros(1, len(z), dtype=torch.bool, device=z.device)
-        mean, self._memory = self.network(z.unsqueeze(0), no_reset, self._memory)
-        return mean[0]
-
-    def ended(self, done: Tensor) -> None:
-        """Reset the recurrent state of the games that ended, (n,) bool."""
-        if self._memory is not None and done.any():
-            h, c = (rows.masked_fill(done.unsqueeze(1), 0) for rows in self._memory)
-            self._memory = h, c
 
     def train(self, block: Block, generator: torch.Generator) -> float:
         """Train one pass over a block; return the mean squared error before each gradient, in units of σ².

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from typing import Any
 
 import torch
 from pydantic import BaseModel
-from torch import Tensor
 
 from apil_core.api.config import RunConfig
-from apil_core.api.game import Game
 from apil_core.api.policy import Policy
-from apil_core.api.types import View
 from apil_core.common.statistics import Difference, difference
 from apil_core.evaluation.pairing import Pairing
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult
-from apil_core.evaluation.score import score
-from apil_core.runs.distillation.build import Setting
-from apil_core.runs.distillation.collector import Roles, Sample
+from apil_core.evaluation.score import MAX_PARALLEL_GAMES, score
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import make_game
+from apil_core.runs.distillation.collector import Roles
 from apil_core.runs.distillation.learner import kl_nats
+from apil_core.runs.distillation.trainer import DistillTrainer
 
 
 class ActionError(BaseModel):
@@ -55,29 +55,14 @@ class Report(BaseModel):
     win_or_tie_difference: Difference | None = None
 
 
-def action_error(setting: Setting, student: Policy, *, perturbed: bool) -> ActionError:
+def action_error(trainer: DistillTrainer, student: Policy, *, perturbed: bool) -> ActionError:
     """Play separate games, the student acting (sampled), against the plain or the perturbed opponent."""
-    course, sigma = setting.course, setting.course.log_std.exp()
-    n, device = setting.game.num_envs, sigma.device
-    everywhere = torch.ones(n, dtype=torch.bool, device=device)
+    sigma = trainer.log_std.exp()
+    everywhere = torch.ones(trainer.config.num_envs, dtype=torch.bool, device=sigma.device)
     roles = Roles(~everywhere, everywhere, everywhere if perturbed else ~everywhere)
-    labels: list[Tensor] = []
-    misses: list[Tensor] = []
-    first = everywhere
-
-    def act(observation: Tensor, label: Tensor) -> Tensor:
-        mean = student.act(View(observation, observation, first), sample=False).action
-        labels.append(label / sigma)
-        misses.append((mean - label) / sigma)
-        return mean
-
-    def take(sample: Sample) -> None:
-        nonlocal first
-        first = sample.done
-
     name = f"held out, perturbed {perturbed}"
-    course.collector.play(name, setting.side, course.block_steps, roles, act, take)
-    label, miss = torch.cat(labels), torch.cat(misses)
+    block, mean = trainer.collector.play(name, trainer.side, trainer.block_steps, roles, student)
+    label, miss = ((part / sigma).flatten(0, 1) for part in (block.label, mean - block.label))
     squared = float(miss.square().mean())
     constant = float((label - label.mean(0)).square().mean())
     return ActionError(
@@ -88,7 +73,7 @@ def action_error(setting: Setting, student: Policy, *, perturbed: bool) -> Actio
     )
 
 
-def compare(student: EvaluationResult, teacher: EvaluationResult) -> dict[str, Difference]:
+def compare(student: EvaluationResult, teacher: EvaluationResult) -> dict[str, Any]:
     """Student minus teacher, with Newcombe's 95 % intervals."""
     games = student.episodes, teacher.episodes
     wins = student.wins, teacher.wins
@@ -99,35 +84,51 @@ def compare(student: EvaluationResult, teacher: EvaluationResult) -> dict[str, D
     }
 
 
-def score_of(policy: Policy, setting: Setting, game: Game, progress: Progress) -> EvaluationResult:
-    """Score a policy in the student's seat against the opponent."""
-    config = setting.config
+def scores_of(
+    trainer: DistillTrainer, student: Policy, progress: Progress, plugins: PluginRegistry
+) -> dict[str, EvaluationResult]:
+    """Score student and teacher on the same games, as many in parallel as in ``apil eval``."""
+    config = trainer.config
+    if not config.episodes:
+        return {}
     run = RunConfig(env=config.env, game=config.game, device=config.device)
-    pairing = Pairing(run, game, policy, setting.opponent, setting.side)
-    return score(pairing, episodes=config.episodes, seed=config.seed, progress=progress)
+    game = make_game(
+        config.env,
+        num_envs=min(config.episodes, MAX_PARALLEL_GAMES),
+        threads=config.threads,
+        options=config.game,
+        plugins=plugins,
+    )
+    with closing(game):
+        return {
+            who: score(
+                Pairing(run, game, policy, trainer.opponent, trainer.side),
+                episodes=config.episodes,
+                seed=config.seed,
+                progress=progress,
+            )
+            for who, policy in (("student_score", student), ("teacher_score", trainer.teacher))
+        }
 
 
-def make_report(setting: Setting, student: Policy, scores: dict[str, Any]) -> Report:
+def make_report(trainer: DistillTrainer, student: Policy, scores: dict[str, Any]) -> Report:
     """Measure the action errors and combine them with the scores.
 
     Args:
-        setting: its game is played on.
+        trainer: its game is played on.
         student: the finished one.
         scores: ``student_score`` and ``teacher_score``, or nothing.
     """
-    config = setting.config
-    differences: dict[str, Any] = {}
-    if scores:
-        differences.update(compare(scores["student_score"], scores["teacher_score"]))
+    config = trainer.config
     return Report(
         student=student.info.sha256,
         teacher=config.teacher,
         opponent=config.opponent,
         env=config.env,
         role=config.role,
-        steps=setting.course.steps,
-        action_error=action_error(setting, student, perturbed=False),
-        perturbed_action_error=action_error(setting, student, perturbed=True),
+        steps=trainer.steps,
+        action_error=action_error(trainer, student, perturbed=False),
+        perturbed_action_error=action_error(trainer, student, perturbed=True),
         **scores,
-        **differences,
+        **(compare(scores["student_score"], scores["teacher_score"]) if scores else {}),
     )

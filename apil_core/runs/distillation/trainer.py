@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from apil_core.api.game import Game
+from apil_core.api.policy import Policy, PolicyInfo
+from apil_core.common.errors import VictimError
 from apil_core.common.seeds import stream_generator
+from apil_core.policies.frozen_policy import FrozenPolicy
 from apil_core.policies.network import NetworkShape, Standardizer
-from apil_core.runs.distillation.collector import Collector, Roles, Sample
+from apil_core.runs.distillation.collector import Collector, Roles
 from apil_core.runs.distillation.config import DistillConfig
 from apil_core.runs.distillation.learner import Block, StudentLearner
 from apil_core.training.normalize import RunningMoments
@@ -39,25 +45,60 @@ class Entry:
     fresh_error: float | None = None
 
 
-@dataclass
-class Course:
-    """State of a distillation between two stages.
+class DistillTrainer:
+    """A distillation in memory.
 
     A stage is a block with its passes, or one final pass over all blocks. A stage is determined by
     the settings, its number and the state before it, so a distillation resumes bit for bit.
+
+    Args:
+        config: with every ``auto`` and ``null`` resolved.
+        games: with the game's own options, and with those of ``config.practice``; may be one.
+        teacher, opponent: in their seats.
+        side: the student's seat.
+        log_std: the teacher's, (a,); a student's, too.
+
+    Attributes:
+        collector, practice: play by the game's own options and by those of ``config.practice``.
+        blocks: to learn from: standardised observations, labels in units of σ.
     """
 
-    config: DistillConfig
-    shape: NetworkShape
-    collector: Collector
-    practice: Collector
-    learner: StudentLearner
-    log_std: Tensor
-    sides: tuple[int, ...]
-    block_steps: int
-    standardize: Standardizer | None = None
-    log: list[Entry] = field(default_factory=list)
-    blocks: list[Block] = field(default_factory=list)
+    def __init__(
+        self,
+        config: DistillConfig,
+        games: tuple[Game, Game],
+        teacher: Policy,
+        opponent: Policy,
+        side: int,
+        log_std: Tensor,
+    ):
+        assert config.network != "auto"
+        assert config.hidden is not None
+        assert config.block_steps is not None
+        assert config.learning_rate is not None
+        self.config, self.side, self.log_std = config, side, log_std
+        self.teacher, self.opponent = teacher, opponent
+        self.block_steps, self._rate = config.block_steps, config.learning_rate
+        self.collector, self.practice = (
+            Collector(game, teacher, opponent, log_std.exp(), config.seed) for game in games
+        )
+        self._sides = (side, 1 - side) if config.both_seats else (side,)
+        seat = games[0].layout.sides[side]
+        width, embed = (config.width, config.embed) if config.network == "lstm" else (0, 0)
+        sizes = seat.observation_size, seat.action_size
+        self.shape = NetworkShape(
+            config.network, *sizes, width, config.hidden, config.observation_clip, embed
+        )
+        self.learner = StudentLearner(
+            self.shape,
+            minibatch=config.minibatch,
+            gradient_length=config.gradient_length,
+            learning_rate=self._rate,
+            device=log_std.device,
+        )
+        self.standardize: Standardizer | None = None
+        self.log: list[Entry] = []
+        self.blocks: list[Block] = []
 
     @property
     def rounds(self) -> int:
@@ -81,24 +122,14 @@ class Course:
 
     def advance(self) -> Entry:
         """Run the next stage."""
-        if self.done < self.rounds:
-            error, fresh = self._round()
-            entry = Entry(self.done + 1, self.steps, error, fresh)
-        else:
-            entry = Entry(self.done + 1, self.steps, self._final_pass())
-        self.log.append(entry)
-        return entry
+        error, fresh = self._round() if self.done < self.rounds else (self._final_pass(), None)
+        self.log.append(Entry(self.done + 1, self.steps, error, fresh))
+        return self.log[-1]
 
     def _round(self) -> tuple[float, float | None]:
         """Play a block and train on it and on other blocks."""
         number = len(self.blocks)
-        block = Block.empty(self.block_steps, self.config.num_envs, self.shape, self.log_std.device)
-        self.learner.begin(self.config.num_envs)
-        fresh = None
-        if number:
-            fresh = self._play(block, number)
-        else:
-            self._first_block(block)
+        block, fresh = self._play(number)
         self.blocks.append(block)
         generator = self._generator(f"replay {number}")
         error = 0.0
@@ -109,59 +140,40 @@ class Course:
             error = self.learner.train(block, generator)
         return error, fresh
 
-    def _first_block(self, block: Block) -> None:
-        """Play the teacher's block; its observations standardise all that follow, these included."""
-        moments = RunningMoments(self.shape.observation_size).to(self.log_std.device)
-        sigma = self.log_std.exp()
+    def _play(self, number: int) -> tuple[Block, float | None]:
+        """Play a block, and return it with the student's error there.
 
-        def take(sample: Sample) -> None:
-            moments.update(sample.observation)
-            block.record(sample.observation, sample.label / sigma, sample.done)
-
-        self.collector.play("block 0", self.sides[0], self.block_steps, self._roles(True), None, take)
-        std = moments.var.sqrt().clamp(min=_LEAST_STD)
-        self.standardize = Standardizer(moments.mean.float(), std.float(), self.config.observation_clip)
-        for t in range(self.block_steps):
-            block.observation[t] = self.standardize(block.observation[t])
-
-    def _play(self, block: Block, number: int) -> float:
-        """Play a block in which the student acts; return its error there."""
-        learner, sigma, standardize = self.learner, self.log_std.exp(), self.standardize
-        assert standardize is not None, "the first block sets it"
-        roles = self._roles(False)
-        errors: list[Tensor] = []
-        seen = torch.empty(0)
-
-        def act(observation: Tensor, label: Tensor) -> Tensor:
-            nonlocal seen
-            seen = standardize(observation)
-            mean = learner.act(seen)
-            errors.append((mean - label / sigma)[~roles.teacher_acts].square().mean())
-            return mean * sigma
-
-        def take(sample: Sample) -> None:
-            block.record(seen, sample.label / sigma, sample.done)
-            learner.ended(sample.done)
-
+        Only the teacher acts in the first one; its observations standardise all that follow, these included.
+        """
         # shifted by one at every block of true physics, so that each seat plays some of it
-        side = self.sides[(number + number // _TRUE_BLOCKS) % len(self.sides)]
+        side = self._sides[(number + number // _TRUE_BLOCKS) % len(self._sides)]
         games = self.practice if number % _TRUE_BLOCKS else self.collector
-        games.play(f"block {number}", side, self.block_steps, roles, act, take)
-        return float(torch.stack(errors).mean())
+        roles = Roles.of(self.config.num_envs, self.log_std.device, teacher_only=not number)
+        student = self.student() if number else None
+        block, mean = games.play(f"block {number}", side, self.block_steps, roles, student)
+        if self.standardize is None:
+            self.standardize = self._statistics(block.observation)
+        sigma, acted = self.log_std.exp(), ~roles.teacher_acts
+        fresh = ((mean - block.label) / sigma)[:, acted].square().mean()
+        block = Block(self.standardize(block.observation), block.label / sigma, block.done)
+        return block, float(fresh) if number else None
 
-    def _roles(self, teacher_only: bool) -> Roles:
-        return Roles.of(self.config.num_envs, self.log_std.device, teacher_only=teacher_only)
+    def _statistics(self, observation: Tensor) -> Standardizer:
+        moments = RunningMoments(self.shape.observation_size).to(observation.device)
+        for step in observation:
+            moments.update(step)
+        std = moments.var.sqrt().clamp(min=_LEAST_STD)
+        return Standardizer(moments.mean.float(), std.float(), self.config.observation_clip)
 
     def _final_pass(self) -> float:
         """Train over all blocks, at a rate that falls linearly to zero over all final passes."""
-        number, rate = self.done - self.rounds, self.config.learning_rate
-        assert rate is not None, "the settings are complete"
+        number = self.done - self.rounds
         generator = self._generator(f"final {number}")
         order = torch.randperm(len(self.blocks), generator=generator).tolist()
         errors = []
         for i, index in enumerate(order):
             left = 1 - (number + i / len(order)) / self.config.final_passes
-            self.learner.set_learning_rate(rate * left)
+            self.learner.set_learning_rate(self._rate * left)
             errors.append(self.learner.train(self.blocks[index], generator))
         return math.fsum(errors) / len(errors)
 
@@ -172,3 +184,41 @@ class Course:
         """The student's present weights, as stored in its file."""
         assert self.standardize is not None, "there is a student after the first stage"
         return self.learner.weights(self.standardize.mean, self.standardize.std, self.log_std)
+
+    def student(self) -> FrozenPolicy:
+        """The present student as a policy, the one that its file will be."""
+        info = PolicyInfo("student", "in memory", self.shape.observation_size, self.shape.action_size)
+        return FrozenPolicy(info, self.shape, self.weights()).to(self.log_std.device)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the state between two stages, without the blocks: they never change."""
+        assert self.standardize is not None
+        fixed = self.standardize
+        return {
+            "log": [asdict(entry) for entry in self.log],
+            "standard": {"mean": fixed.mean, "std": fixed.std, "clip": fixed.clip},
+            "learner": self.learner.state_dict(),
+            "policies": {"teacher": self.teacher.info.sha256, "opponent": self.opponent.info.sha256},
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any], blocks: Sequence[Block]) -> None:
+        """Continue exactly where :meth:`state_dict` was taken.
+
+        Raises:
+            VictimError: the teacher or the opponent has changed since.
+        """
+        for who, policy in (("teacher", self.teacher), ("opponent", self.opponent)):
+            if policy.info.sha256 != (expected := state["policies"][who]):
+                raise VictimError(
+                    f"the {who} {policy.info.name} has changed since the distillation began: "
+                    f"SHA-256 {policy.info.sha256}, expected {expected}"
+                )
+        self.log = [Entry(**entry) for entry in state["log"]]
+        self.standardize = Standardizer(**state["standard"]).to(self.log_std.device)
+        self.learner.load_state_dict(state["learner"])
+        self.blocks = list(blocks)
+
+    def close(self) -> None:
+        """Release the games."""
+        self.collector.game.close()
+        self.practice.game.close()

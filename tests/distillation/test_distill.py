@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -103,32 +104,25 @@ def test_it_does_not_go_on_with_another_teacher(tmp_path: Path, monkeypatch: pyt
 
 def test_practice_changes_what_is_learnt_from_and_no_score(tmp_path: Path) -> None:
     plugins = discover()
-    setting = prepare(named(config(practice={"max_steps": 5}), plugins), plugins)
-    try:
-        assert (setting.game.layout.max_steps, setting.practice.layout.max_steps) == (50, 5)
-        assert setting.course.collector.game is setting.game
-        assert setting.course.practice.game is setting.practice
-    finally:
-        setting.close()
+    with closing(prepare(named(config(practice={"max_steps": 5}), plugins), plugins)) as trainer:
+        games = trainer.collector.game, trainer.practice.game
+        assert [game.layout.max_steps for game in games] == [50, 5]
 
 
 def test_the_first_block_standardises_itself_and_what_follows() -> None:
     plugins = discover()
-    setting = prepare(named(config(), plugins), plugins)
-    try:
-        setting.course.advance()
-        first = setting.course.blocks[0].observation
-        standard = setting.course.standardize
+    with closing(prepare(named(config(), plugins), plugins)) as trainer:
+        trainer.advance()
+        first = trainer.blocks[0].observation
+        standard = trainer.standardize
         assert standard is not None
         moving = standard.std > 0.1
         assert moving.any()
         assert first[..., moving].mean((0, 1)).abs().max() < 0.2  # clipped at ±5, hence not quite 0
         assert (first[..., moving].std((0, 1)) - 1).abs().max() < 0.2
-        setting.course.advance()
-        assert setting.course.log[1].fresh_error is not None
-        assert setting.course.steps == 2 * 50 * 16
-    finally:
-        setting.close()
+        trainer.advance()
+        assert trainer.log[1].fresh_error is not None
+        assert trainer.steps == 2 * 50 * 16
 
 
 @pytest.mark.parametrize(
