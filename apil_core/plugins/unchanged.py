@@ -39,11 +39,12 @@ def changed(before: Mapping[str, Tensor], arguments: Mapping[str, object]) -> li
     now = dict(_tensors(arguments))
     paths = dict.fromkeys([*before, *now])
     return [
-        path for path in paths if path not in before or path not in now or not _same(before[path], now[path])
+        path for path in paths if path not in before or path not in now or not same(before[path], now[path])
     ]
 
 
-def _same(a: Tensor, b: Tensor) -> bool:
+def same(a: Tensor, b: Tensor) -> bool:
+    """Return whether two tensors are equal bit for bit; NaN equals NaN."""
     if a.shape != b.shape or a.dtype != b.dtype or a.device != b.device:
         return False
     equal = a == b

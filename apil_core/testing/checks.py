@@ -1,14 +1,18 @@
-"""All checks, their documentation, and the error of a failed one."""
+"""All checks, their documentation, what they are made of, and the error of a failed one."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import wraps
+from typing import Any, ClassVar, TypeVar, cast
 
 from apil_core.api.hookspecs import ProcessHooks, RunHooks
-from apil_core.common.errors import ApilError, PluginError, failures
+from apil_core.common.errors import ApilError, PluginError, failures, reason_of
+
+Checks = TypeVar("Checks", bound=Callable[..., Any])
 
 
 @dataclass(frozen=True)
@@ -119,21 +123,74 @@ def hook_in(message: str) -> str | None:
     return found[1] if found else None
 
 
-@contextmanager
-def reported_as(who: str, check: Check) -> Iterator[None]:
-    """Turn any exception into a failed check; a hook's mistake gets the address of its documentation.
+@dataclass
+class Subject:
+    """A plugin under test.
 
-    Raises:
-        ContractError: anything was raised.
+    Attributes:
+        kind: ``"method"``, ``"game"`` or ``"victim"``.
+        checks: all of its kind, by key.
+        name: of the plugin, for messages.
+        skipped: checks that could not be made, with reasons.
     """
-    try:
-        yield
-    except ContractError:
-        raise
-    except PluginError as error:
-        raise ContractError(who, check, str(error), hook_in(str(error))) from error
-    except ApilError as error:
-        raise ContractError(who, check, str(error)) from error
-    except failures() as error:
-        reason = " ".join(str(error).split()) or "no message"
-        raise ContractError(who, check, f"{type(error).__name__}: {reason}") from error
+
+    kind: ClassVar[str]
+    checks: ClassVar[dict[str, Check]]
+
+    name: str
+    skipped: list[str] = field(default_factory=list, kw_only=True)
+    _check: str = field(default="", kw_only=True)
+
+    @contextmanager
+    def check(self, key: str, *besides: type[ApilError]) -> Iterator[None]:
+        """Make the check of that key: any exception within is its failure, ``besides`` those.
+
+        Raises:
+            ContractError: anything was raised; a hook's mistake has the address of its documentation.
+        """
+        outer, self._check = self._check, key
+        try:
+            yield
+        except ContractError:
+            raise
+        except ApilError as error:
+            if isinstance(error, besides):
+                raise
+            hook = hook_in(str(error)) if isinstance(error, PluginError) else None
+            raise self.failed(str(error), hook) from error
+        except failures() as error:
+            raise self.failed(reason_of(error)) from error
+        finally:
+            self._check = outer
+
+    def need(self, holds: object, happened: str, hook: str | None = None) -> None:
+        """Fail the present check unless ``holds``.
+
+        Raises:
+            ContractError: it does not.
+        """
+        if not holds:
+            raise self.failed(happened, hook)
+
+    def failed(self, happened: str, hook: str | None = None) -> ContractError:
+        """Make the error of the present check."""
+        return ContractError(f"{self.kind} {self.name!r}", self.checks[self._check], happened, hook)
+
+    def checked(self) -> list[str]:
+        """Titles of the checks that were made."""
+        left_out = {text.split(":")[0].capitalize() for text in self.skipped}
+        return [check.title for check in self.checks.values() if check.title not in left_out]
+
+
+def checking(key: str) -> Callable[[Checks], Checks]:
+    """Make a function of a subject, its first argument, the check of that key."""
+
+    def decorate(function: Checks) -> Checks:
+        @wraps(function)
+        def check(subject: Subject, *given: Any, **named: Any) -> Any:
+            with subject.check(key):
+                return function(subject, *given, **named)
+
+        return cast(Checks, check)
+
+    return decorate

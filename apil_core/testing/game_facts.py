@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
 from apil_core.api.game import NO_WINNER, Array, Game, GameStep, SideLayout
+from apil_core.testing.checks import checking
 from apil_core.testing.game_play import GAMES, Play, Trial, parts
 
 LONGEST = 1000
 """Steps after which a check stops waiting for a game to end."""
 
 
+@checking("layout")
 def layout(trial: Trial) -> None:
     """Check sizes, blocks, channels, bounds and causes."""
     with trial.game(2) as game:
         found = game.layout
-        if len(found.sides) != 2 or found.sides[0].name == found.sides[1].name:
-            raise trial.broken("layout", "there must be two sides with different names")
+        different = len(found.sides) == 2 and found.sides[0].name != found.sides[1].name
+        trial.need(different, "there must be two sides with different names")
         for side in found.sides:
-            if (reason := _misfit(side)) is not None:
-                raise trial.broken("layout", f"side {side.name}: {reason}")
-        if len(set(found.causes)) != len(found.causes) or not found.causes:
-            raise trial.broken("layout", f"causes must be names, each once, got {found.causes}")
-        if found.max_steps < 1 or game.num_envs != 2 or game.seconds_per_step <= 0:
-            raise trial.broken("layout", "max_steps, num_envs or seconds_per_step is not as it must be")
+            reason = _misfit(side)
+            trial.need(reason is None, f"side {side.name}: {reason}")
+        unique = len(set(found.causes)) == len(found.causes) > 0
+        trial.need(unique, f"causes must be names, each once, got {found.causes}")
+        positive = found.max_steps >= 1 and game.num_envs == 2 and game.seconds_per_step > 0
+        trial.need(positive, "max_steps, num_envs or seconds_per_step is not as it must be")
 
 
 def _misfit(side: SideLayout) -> str | None:
@@ -46,6 +50,7 @@ def _misfit(side: SideLayout) -> str | None:
     return None
 
 
+@checking("arrays")
 def arrays(trial: Trial) -> None:
     """Check shapes, types and finiteness of all arrays of a step."""
     with trial.game() as game:
@@ -58,58 +63,50 @@ def arrays(trial: Trial) -> None:
 
 def _look_at_observations(trial: Trial, game: Game, when: str) -> None:
     for side, seen in zip(game.layout.sides, game.observations, strict=True):
-        want = (game.num_envs, side.observation_size)
-        if seen.shape != want or seen.dtype != np.float32:
-            text = f"{side.name}'s observations {when} must be {want} float32, got {seen.shape} {seen.dtype}"
-            raise trial.broken("arrays", text)
-        if not np.isfinite(seen).all():
-            raise trial.broken("arrays", f"{side.name}'s observations {when} have NaN or infinite values")
+        what, want = f"{side.name}'s observations {when}", (game.num_envs, side.observation_size)
+        fits = seen.shape == want and seen.dtype == np.float32
+        trial.need(fits, f"{what} must be {want} float32, got {seen.shape} {seen.dtype}")
+        trial.need(np.isfinite(seen).all(), f"{what} have NaN or infinite values")
 
 
 def _look_at_step(trial: Trial, step: GameStep) -> None:
     types = {"done": bool, "winner": np.int8, "cause": np.int8, "lengths": np.int32}
     for name, value in {**parts(step), "lengths": step.lengths}.items():
-        kind = np.dtype(types.get(name, np.float32))
-        want = (GAMES,) if name in types else (2, GAMES)
-        if not isinstance(value, np.ndarray) or value.shape != want or value.dtype != kind:
-            got = f"{value.shape} {value.dtype}" if isinstance(value, np.ndarray) else type(value).__name__
-            raise trial.broken("arrays", f"GameStep.{name} must be {want} {kind}, got {got}")
-        if not np.isfinite(value).all():
-            raise trial.broken("arrays", f"GameStep.{name} has NaN or infinite values")
+        want, kind = (GAMES,) if name in types else (2, GAMES), np.dtype(types.get(name, np.float32))
+        made = isinstance(value, np.ndarray)
+        got = f"{value.shape} {value.dtype}" if made else type(value).__name__
+        fits = made and value.shape == want and value.dtype == kind
+        trial.need(fits, f"GameStep.{name} must be {want} {kind}, got {got}")
+        trial.need(np.isfinite(value).all(), f"GameStep.{name} has NaN or infinite values")
 
 
+@checking("endings")
 def endings(trial: Trial) -> None:
     """Check the outcomes of ended games, and of running ones."""
-    ended: dict[str, int] = {}
+    ended: Counter[str] = Counter()
     with trial.game() as game:
         play = Play(game)
         clock = np.zeros(GAMES, np.int64)
         for _ in range(min(game.layout.max_steps, LONGEST) + 5):
             step = play.run(1)
             clock += 1
-            if (reason := _contradiction(step, game, clock)) is not None:
-                raise trial.broken("endings", reason)
-            for cause in step.cause[step.done]:
-                name = game.layout.causes[cause]
-                ended[name] = ended.get(name, 0) + 1
+            _check_outcome(trial, step, game, clock)
+            ended.update(game.layout.causes[cause] for cause in step.cause[step.done])
             clock[step.done] = 0
     if not ended:
         trial.skipped.append(f"endings: no game ended within {LONGEST} steps of random play")
-    trial.endings = ended
+    trial.endings = dict(ended)
 
 
-def _contradiction(step: GameStep, game: Game, clock: Array) -> str | None:
-    done, going = step.done, ~step.done
-    if not np.isin(step.winner, (0, 1, NO_WINNER)).all():
-        return f"winner must be 0, 1 or {NO_WINNER}, got {sorted(set(step.winner.tolist()))}"
-    if (step.winner[going] != NO_WINNER).any():
-        return "a game that goes on has a winner"
-    if not ((step.cause[done] >= 0) & (step.cause[done] < len(game.layout.causes))).all():
-        return f"cause must index the {len(game.layout.causes)} causes where a game ended"
-    if (step.sparse[:, going] != 0).any():
-        return "sparse must be zero while a game goes on"
-    if (step.lengths != clock).any():
-        return f"lengths must count the steps of each game, this one included: {step.lengths} for {clock}"
-    if (clock[going] >= game.layout.max_steps).any():
-        return f"a game went on after max_steps ({game.layout.max_steps})"
-    return None
+def _check_outcome(trial: Trial, step: GameStep, game: Game, clock: Array) -> None:
+    done, going, causes = step.done, ~step.done, len(game.layout.causes)
+    winners = sorted(set(step.winner.tolist()))
+    trial.need({*winners} <= {0, 1, NO_WINNER}, f"winner must be 0, 1 or {NO_WINNER}, got {winners}")
+    trial.need((step.winner[going] == NO_WINNER).all(), "a game that goes on has a winner")
+    known = ((step.cause[done] >= 0) & (step.cause[done] < causes)).all()
+    trial.need(known, f"cause must index the {causes} causes where a game ended")
+    trial.need((step.sparse[:, going] == 0).all(), "sparse must be zero while a game goes on")
+    counted = f"lengths must count the steps of each game, this one included: {step.lengths} for {clock}"
+    trial.need((step.lengths == clock).all(), counted)
+    limit = game.layout.max_steps
+    trial.need((clock[going] < limit).all(), f"a game went on after max_steps ({limit})")

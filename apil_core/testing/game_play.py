@@ -10,31 +10,26 @@ from typing import Any
 import numpy as np
 
 from apil_core.api.game import Array, Game, GameStep
-from apil_core.testing.checks import GAME_CHECKS, ContractError
+from apil_core.testing.checks import GAME_CHECKS, Subject
 
 GAMES = 6
 """Default number of games in a check."""
 
 
 @dataclass
-class Trial:
+class Trial(Subject):
     """A game under test.
 
     Attributes:
-        name: for messages.
         make: called with ``num_envs`` and ``threads``; gives fresh games.
-        skipped: checks that could not be made, with reasons.
         endings: how often games of the check ended how.
     """
 
-    name: str
-    make: Callable[[int, int], Game]
-    skipped: list[str] = field(default_factory=list)
-    endings: dict[str, int] = field(default_factory=dict)
+    kind = "game"
+    checks = GAME_CHECKS
 
-    def broken(self, check: str, happened: str) -> ContractError:
-        """Make the error for one of :data:`GAME_CHECKS`."""
-        return ContractError(f"game {self.name!r}", GAME_CHECKS[check], happened)
+    make: Callable[[int, int], Game] = field(default=None)  # type: ignore[assignment]
+    endings: dict[str, int] = field(default_factory=dict)
 
     @contextmanager
     def game(self, num_envs: int = GAMES, *, threads: int = 1, seed: int | None = 0) -> Iterator[Game]:
@@ -74,11 +69,11 @@ class Play:
         """Play that many steps; return the last one's outcome."""
         for _ in range(steps):
             step = self.game.step(self.actions())
-            self.trace += [o.copy() for o in self.game.observations]
+            self.trace += snapshot(self.game)
             self.trace += [part.copy() for part in parts(step).values()]
             if step.done.any():
                 self.game.reset(step.done)
-                self.trace += [o.copy() for o in self.game.observations]
+                self.trace += snapshot(self.game)
         return step
 
 
@@ -88,17 +83,10 @@ def parts(step: GameStep) -> dict[str, Array]:
     return {name: getattr(step, name) for name in names}
 
 
-def same(first: Play, second: Play) -> bool:
-    """Return whether two traces are equal bit for bit."""
-    if len(first.trace) != len(second.trace):
-        return False
-    pairs = zip(first.trace, second.trace, strict=True)
-    return all(np.array_equal(a, b, equal_nan=a.dtype.kind == "f") for a, b in pairs)
-
-
-def same_views(left: Sequence[Array], right: Sequence[Array], rows: Any = ...) -> bool:
-    """Return whether both sides' observations are equal bit for bit, in those rows."""
-    return all(np.array_equal(a[rows], b[rows]) for a, b in zip(left, right, strict=True))
+def same(left: Sequence[Array], right: Sequence[Array], rows: Any = ...) -> bool:
+    """Return whether traces or observations are equal bit for bit, in those rows; NaN equals NaN."""
+    pairs = zip(left, right, strict=False)
+    return len(left) == len(right) and all(np.array_equal(a[rows], b[rows], equal_nan=True) for a, b in pairs)
 
 
 def snapshot(game: Game) -> list[Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,11 @@ from apil_core.api.specs import GameSpec, load
 from apil_core.common.errors import UnknownNameError
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import make_game
-from apil_core.testing.checks import GAME_CHECKS, ContractError, reported_as
+from apil_core.testing.checks import checking
 from apil_core.testing.game_checks import CHECKS
 from apil_core.testing.game_play import Play, Trial
 from apil_core.testing.method_spec import check_import, check_options
-from apil_core.testing.method_under_test import raise_if_broken, registry_with
+from apil_core.testing.registry import registry_of
 from apil_core.testing.reports import GameReport
 
 SHORT = 20
@@ -48,56 +48,43 @@ def check_game(
         UnknownNameError: no game has that name.
     """
     begin = time.process_time()
-    name = game.name if isinstance(game, GameSpec) else game
-    registry = registry_with(f"game {name!r}", GAME_CHECKS["spec"], plugins)
-    if isinstance(game, GameSpec):
-        registry.games[name] = game
-    elif not registry.has_game(name):
-        raise_if_broken(f"game {name!r}", GAME_CHECKS["spec"], registry, name)
-        raise UnknownNameError("game", name, registry.game_names())
-    skipped = check_spec(registry, name, options)
-    trial = trial_of(registry, name, options)
-    trial.skipped += skipped
+    name = game if isinstance(game, str) else game.name
+    trial = Trial(name)
+    with trial.check("spec", UnknownNameError):
+        registry = registry_of(trial, game, plugins)
+        trial.make = maker(registry, name, options)
+    check_spec(trial, registry)
     for check in CHECKS.values():
-        with reported_as(f"game {name!r}", GAME_CHECKS[check.__name__]):
-            check(trial)
+        check(trial)
     return _report(trial, begin)
 
 
-def trial_of(registry: PluginRegistry, name: str, options: Mapping[str, Any] | None = None) -> Trial:
-    """Make the trial of a registered game, shortened where possible."""
+def maker(
+    registry: PluginRegistry, name: str, options: Mapping[str, Any] | None = None
+) -> Callable[[int, int], Game]:
+    """What makes a registered game, shortened where possible."""
     chosen = dict(options or {})
     model = registry.game(name).config
     if "max_steps" not in chosen and model is not None and "max_steps" in load(model).model_fields:
         chosen["max_steps"] = SHORT
-
-    def make(num_envs: int, threads: int) -> Game:
-        return make_game(name, num_envs=num_envs, threads=threads, options=chosen, plugins=registry)
-
-    return Trial(name, make)
+    return lambda num_envs, threads: make_game(
+        name, num_envs=num_envs, threads=threads, options=chosen, plugins=registry
+    )
 
 
-def check_spec(registry: PluginRegistry, name: str, options: Mapping[str, Any] | None) -> list[str]:
-    """Check the spec without playing; return what could not be checked."""
-    who, check, spec = f"game {name!r}", GAME_CHECKS["spec"], registry.game(name)
-    if spec.victim_side not in (0, 1):
-        raise ContractError(who, check, f"victim_side must be 0 or 1, got {spec.victim_side}")
-    check_options(who, check, spec.config)
-    with reported_as(who, check):
-        made = trial_of(registry, name, options).make(1, 1)
-    try:
-        if not isinstance(made, Game):
-            raise ContractError(who, check, f"{spec.factory} must give an apil_core.Game, got {made!r}")
-        sides = tuple(side.name for side in made.layout.sides)
-    finally:
-        close = getattr(made, "close", None)
-        if close is not None:
-            close()
-    if not spec.target and sides != tuple(spec.sides):
-        text = f"sides of the spec are {', '.join(spec.sides)}, those of the game {', '.join(sides)}"
-        raise ContractError(who, check, text)
-    reason = check_import(who, check, registry, "games", name.partition(":")[0])
-    return [] if reason is None else [reason]
+@checking("spec")
+def check_spec(trial: Trial, registry: PluginRegistry) -> None:
+    """Check the spec without playing."""
+    spec = registry.game(trial.name)
+    trial.need(spec.victim_side in (0, 1), f"victim_side must be 0 or 1, got {spec.victim_side}")
+    check_options(trial, spec.config)
+    made = trial.make(1, 1)
+    trial.need(isinstance(made, Game), f"{spec.factory} must give an apil_core.Game, got {made!r}")
+    made.close()
+    sides = tuple(side.name for side in made.layout.sides)
+    text = f"sides of the spec are {', '.join(spec.sides)}, those of the game {', '.join(sides)}"
+    trial.need(spec.target or sides == tuple(spec.sides), text)
+    check_import(trial, registry, "games", trial.name.partition(":")[0])
 
 
 def _report(trial: Trial, begin: float) -> GameReport:
@@ -107,11 +94,9 @@ def _report(trial: Trial, begin: float) -> GameReport:
         seconds = time.perf_counter() - start
         sides = [(s.name, s.observation_size, s.action_size) for s in game.layout.sides]
         speed = TIMED_STEPS * game.num_envs / seconds
-    titles = [check.title for check in GAME_CHECKS.values()]
-    left_out = {text.split(":")[0].capitalize() for text in trial.skipped}
     return GameReport(
         name=trial.name,
-        checked=[title for title in titles if title not in left_out],
+        checked=trial.checked(),
         skipped=trial.skipped,
         sides=sides,
         steps_per_second=speed,

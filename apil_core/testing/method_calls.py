@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Sequence
+from itertools import zip_longest
 
 from apil_core.api.hookspecs import RunHooks
 from apil_core.plugins.hook_manager import RunHookManager
+from apil_core.testing.checks import checking
 from apil_core.testing.hook_spy import Call
 from apil_core.testing.method_runs import WatchedRun
 from apil_core.testing.method_under_test import MethodUnderTest
@@ -22,27 +23,24 @@ _PER_ROLLOUT = (
 )
 
 
+@checking("calls")
 def check_calls(tested: MethodUnderTest, run: WatchedRun) -> None:
     """Check the order of the calls, and that every hook that the method implements is called."""
     calls = run.spy.calls
     hooks = run.trainer.attack.hooks
-    method = run.trainer.attack.methods[tested.spec.name]
-    called = {call.hook for call in calls if tested.spec.name in call.plugins}
-    for caller in hooks.manager.get_hookcallers(method) or []:
-        opened_by_a_method = not hasattr(RunHooks, caller.name)
-        if caller.name not in called and not (opened_by_a_method and tested.options):
-            raise tested.broken("calls", f"{caller.name} is filled but was never called", caller.name)
+    called = {call.hook for call in calls if tested.name in call.plugins}
+    for caller in hooks.manager.get_hookcallers(run.trainer.attack.methods[tested.name]) or []:
+        optional = not hasattr(RunHooks, caller.name) and tested.options  # another method's, switched off
+        text = f"{caller.name} is filled but was never called"
+        tested.need(caller.name in called or optional, text, caller.name)
     expected = expected_calls(
         {name: _fillers(hooks, name) for name in vars(RunHooks) if not name.startswith("_")},
         rollouts=run.trainer.iteration,
         steps=run.config.ppo.num_steps,
     )
     made = [_event(call) for call in calls if not call.within and hasattr(RunHooks, call.hook)]
-    if (where := first_difference(made, expected)) is not None:
-        came = made[where] if where < len(made) else "none"
-        wanted = expected[where] if where < len(expected) else "none"
-        text = f"call {where + 1} of the run was {came}, expected was {wanted}"
-        raise tested.broken("calls", text)
+    for number, (came, wanted) in enumerate(zip_longest(made, expected, fillvalue="none"), 1):
+        tested.need(came == wanted, f"call {number} of the run was {came}, expected was {wanted}")
 
 
 def _fillers(hooks: RunHookManager, name: str) -> list[str]:
@@ -80,17 +78,9 @@ def expected_calls(fillers: dict[str, list[str]], *, rollouts: int, steps: int) 
     return observe + some("run_started") + rollouts * rollout + end
 
 
-def first_difference(made: Sequence[str], expected: Sequence[str]) -> int | None:
-    """First position at which two sequences differ, or ``None``."""
-    for i in range(max(len(made), len(expected))):
-        if i >= len(made) or i >= len(expected) or made[i] != expected[i]:
-            return i
-    return None
-
-
 def costs(tested: MethodUnderTest, run: WatchedRun) -> tuple[list[HookCost], float]:
     """Time of the recorded run's hooks: a row per hook, and seconds per vectorised step in total."""
-    mine = [call for call in run.spy.calls if tested.spec.name in call.plugins]
+    mine = [call for call in run.spy.calls if tested.name in call.plugins]
     rows = []
     for hook in dict.fromkeys(call.hook for call in mine):
         times = [call.seconds for call in mine if call.hook == hook]
@@ -100,5 +90,5 @@ def costs(tested: MethodUnderTest, run: WatchedRun) -> tuple[list[HookCost], flo
         rows.append(HookCost(hook, len(times), every, statistics.median(times)))
     steps = run.trainer.iteration * run.config.ppo.num_steps
     typical = {row.hook: row.seconds for row in rows if row.every != "run"}
-    outer = (call for call in mine if tested.spec.name not in call.within)
+    outer = (call for call in mine if tested.name not in call.within)
     return rows, sum(typical.get(call.hook, 0.0) for call in outer) / steps

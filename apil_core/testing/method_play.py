@@ -11,7 +11,7 @@ from apil_core.evaluation.pairing import Pairing, load_pairing
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.evaluation.score import score
 from apil_core.policies.conformance import check_policy
-from apil_core.testing.checks import METHOD_CHECKS, reported_as
+from apil_core.testing.checks import checking
 from apil_core.testing.method_runs import WatchedRun
 from apil_core.testing.method_under_test import MethodUnderTest
 from apil_core.training.export.export import write
@@ -20,6 +20,7 @@ from apil_core.training.export.run_policy import RunCheckpoint
 EPISODES, STEPS = 4, 6
 
 
+@checking("evaluation")
 def check_playing(tested: MethodUnderTest, run: WatchedRun) -> None:
     """Check the trained adversary, loaded twice from its run's directory, and blinded.
 
@@ -27,43 +28,42 @@ def check_playing(tested: MethodUnderTest, run: WatchedRun) -> None:
     """
     seen = []
     for _ in range(2):
-        with reported_as(tested.who, METHOD_CHECKS["evaluation"]):
-            pairing = load_pairing(run.out, num_envs=EPISODES, threads=1, plugins=tested.registry)
-        with pairing, one_torch_thread():
-            with reported_as(tested.who, METHOD_CHECKS["evaluation"]), pairing.attribution():
-                seen.append((first_actions(pairing), _outcome(score(pairing, episodes=EPISODES, seed=0))))
+        with (
+            load_pairing(run.out, num_envs=EPISODES, threads=1, plugins=tested.registry) as pairing,
+            one_torch_thread(),
+            pairing.attribution(),
+        ):
+            seen.append((first_actions(pairing), _outcome(score(pairing, episodes=EPISODES, seed=0))))
             if len(seen) == 1:
                 check_blinding(tested, pairing)
     (actions, outcome), (other_actions, other_outcome) = seen
-    if not torch.equal(actions, other_actions):
-        text = "loaded twice, the trained adversary acts differently with the same seed"
-        raise tested.broken("evaluation", text)
-    if outcome != other_outcome:
-        raise tested.broken("evaluation", "two evaluations of one seed differ")
+    text = "loaded twice, the trained adversary acts differently with the same seed"
+    tested.need(torch.equal(actions, other_actions), text)
+    tested.need(outcome == other_outcome, "two evaluations of one seed differ")
 
 
+@checking("export")
 def check_export(tested: MethodUnderTest, run: WatchedRun) -> None:
     """Check it as in ``apil export``; what a network cannot express is listed as not checked."""
     if run.trainer.attack.hooks.implements("filter_observation"):
         tested.skipped.append("export: filter_observation belongs to the run")
         return
     source = RunCheckpoint.find(run.out)
-    with reported_as(tested.who, METHOD_CHECKS["export"]):
-        write(source, "safetensors", run.out / "adversary.safetensors", tested.registry)
-        for format in ("torchscript", "onnx"):
-            try:
-                write(source, format, run.out / f"adversary.{format}", tested.registry)
-            except ApilError as error:
-                tested.skipped.append(f"export: {format}: {error}")
+    write(source, "safetensors", run.out / "adversary.safetensors", tested.registry)
+    for format in ("torchscript", "onnx"):
+        try:
+            write(source, format, run.out / f"adversary.{format}", tested.registry)
+        except ApilError as error:
+            tested.skipped.append(f"export: {format}: {error}")
 
 
+@checking("blinding")
 def check_blinding(tested: MethodUnderTest, pairing: Pairing) -> None:
     """Check it as in ``apil eval --blind initial --blind-imitator``."""
     if not pairing.game.layout.sides[pairing.side].opponent_channels:
         tested.skipped.append(f"blinding: game {tested.env} names no opponent channels")
         return
-    with reported_as(tested.who, METHOD_CHECKS["blinding"]), pairing.attribution():
-        score(pairing, episodes=EPISODES, seed=0, blind="initial", blind_imitator=True)
+    score(pairing, episodes=EPISODES, seed=0, blind="initial", blind_imitator=True)
 
 
 @torch.inference_mode()

@@ -17,7 +17,7 @@ from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.registry import make_game
 from apil_core.policies.loading import victim_side
 from apil_core.testing import companions
-from apil_core.testing.checks import METHOD_CHECKS, ContractError, reported_as
+from apil_core.testing.checks import ContractError, checking
 from apil_core.testing.hook_spy import HookSpy, spied_hooks
 from apil_core.testing.method_under_test import MethodUnderTest, final_state, train
 from apil_core.testing.states import differences
@@ -46,20 +46,21 @@ class WatchedRun:
     state: dict[str, Any]
 
 
+@checking("spec")
 def built(tested: MethodUnderTest, seed: int = 0) -> tuple[dict[str, Method], RunHookManager]:
     """Build the method and what it requires, by name, and the manager of their hooks; no run."""
-    with reported_as(tested.who, METHOD_CHECKS["spec"]):
-        config = complete(tested.config(seed=seed, num_envs=2), tested.registry)
-        game = make_game(config.env, num_envs=1, threads=1, options=config.game, plugins=tested.registry)
-        try:
-            side = 1 - victim_side(config, tested.registry)
-            torch.manual_seed(seed)
-            setup = method_setup(config, game.layout, side, torch.device("cpu"))
-            return build_hooks(config, tested.registry, setup)
-        finally:
-            game.close()
+    config = complete(tested.config(seed=seed, num_envs=2), tested.registry)
+    game = make_game(config.env, num_envs=1, threads=1, options=config.game, plugins=tested.registry)
+    try:
+        side = 1 - victim_side(config, tested.registry)
+        torch.manual_seed(seed)
+        setup = method_setup(config, game.layout, side, torch.device("cpu"))
+        return build_hooks(config, tested.registry, setup)
+    finally:
+        game.close()
 
 
+@checking("state")
 def check_state(tested: MethodUnderTest, method: Method, when: str) -> None:
     """Check saved state: its types, through a file, and loaded into a fresh object.
 
@@ -68,74 +69,70 @@ def check_state(tested: MethodUnderTest, method: Method, when: str) -> None:
         method: its object.
         when: for the message: how far it has got.
     """
-    check = METHOD_CHECKS["state"]
-    with reported_as(tested.who, check):
-        state = method.state_dict()
-    if not isinstance(state, dict):
-        raise tested.broken("state", f"state_dict() must return a dict, got {type(state).__name__}")
-    if (culprit := unstorable(state, "state_dict()")) is not None:
-        where, what = culprit
-        raise tested.broken("state", f"{when}: {where} is a {what}, which a checkpoint cannot hold")
-    with reported_as(tested.who, check):
-        read = stored_and_read(state)
-        fresh = built(tested, seed=1)[0][tested.spec.name]
-        fresh.load_state_dict(read)
-        after = fresh.state_dict()
-    if paths := differences(state, after):
-        text = f"a fresh object that loaded the state of {when} has another: {_some(paths)}"
-        raise tested.broken("state", text)
+    state = method.state_dict()
+    tested.need(isinstance(state, dict), f"state_dict() must return a dict, got {type(state).__name__}")
+    where, what = unstorable(state, "state_dict()") or ("", "")
+    tested.need(not where, f"{when}: {where} is a {what}, which a checkpoint cannot hold")
+    read = stored_and_read(state)
+    fresh = built(tested, seed=1)[0][tested.name]
+    fresh.load_state_dict(read)
+    paths = differences(state, fresh.state_dict())
+    text = f"a fresh object that loaded the state of {when} has another: {_some(paths)}"
+    tested.need(not paths, text)
 
 
+@checking("run")
 def watched_run(tested: MethodUnderTest, out: Path) -> WatchedRun:
     """Train with all hook calls recorded."""
     spy = HookSpy()
     config = tested.config(evaluation={"episodes": 4})
-    failure: ContractError | None = None
     try:
-        trainer = train(tested, config, out, manager=spied_hooks(spy))
-    except ContractError as error:
-        failure = error
-    for mistake in spy.mistakes:  # the first mistake, which may be the cause of the failure
-        raise tested.broken(mistake.check, mistake.text, mistake.hook) from failure
-    if failure is not None:
-        raise failure
+        with tested.check("run"):
+            trainer = train(tested, config, out, manager=spied_hooks(spy))
+    except ContractError as failure:
+        _check_mistakes(tested, spy, failure)  # the first mistake may be the cause of the failure
+        raise
+    _check_mistakes(tested, spy)
     return WatchedRun(out, config, trainer, spy, final_state(out))
 
 
+def _check_mistakes(tested: MethodUnderTest, spy: HookSpy, failure: ContractError | None = None) -> None:
+    for mistake in spy.mistakes:
+        with tested.check(mistake.check):
+            raise tested.failed(mistake.text, mistake.hook) from failure
+
+
+@checking("seed")
 def check_same_seed(tested: MethodUnderTest, run: WatchedRun, out: Path) -> None:
     """Check that the recorded run, repeated without recording, gives the same numbers."""
-    train(tested, tested.config(), out, check="seed")
-    if paths := differences(run.state, final_state(out)):
-        raise tested.broken("seed", f"two runs of one seed differ in {_some(paths)}")
+    train(tested, tested.config(), out)
+    paths = differences(run.state, final_state(out))
+    tested.need(not paths, f"two runs of one seed differ in {_some(paths)}")
 
 
+@checking("seed")
 def check_other_seed(tested: MethodUnderTest) -> None:
     """Check that two seeds give different first weights."""
-    with reported_as(tested.who, METHOD_CHECKS["seed"]):
-        weights = [_first_weights(tested, seed) for seed in (0, 1)]
-    if not differences(*weights):
-        text = "seeds 0 and 1 begin with the same policy: the method seeds torch's global generator"
-        raise tested.broken("seed", text)
+    weights = []
+    for seed in (0, 1):
+        attack = build(complete(tested.config(seed=seed, num_envs=2), tested.registry), tested.registry)
+        attack.game.close()
+        weights.append(attack.actor.state_dict())
+    text = "seeds 0 and 1 begin with the same policy: the method seeds torch's global generator"
+    tested.need(differences(*weights), text)
 
 
-def _first_weights(tested: MethodUnderTest, seed: int) -> Any:
-    config = complete(tested.config(seed=seed, num_envs=2), tested.registry)
-    attack = build(config, tested.registry)
-    attack.game.close()
-    return attack.actor.state_dict()
-
-
+@checking("resume")
 def check_resume(tested: MethodUnderTest, run: WatchedRun, out: Path) -> None:
     """Check that resuming from the second checkpoint, in fresh objects, gives the same numbers."""
-    middle = RunDir(run.out).checkpoint_path(2)
-    train(tested, run.config, out, check="resume", checkpoint_path=middle)
-    if paths := differences(run.state, final_state(out)):
-        lost = [path for path in paths if path.startswith(f"/methods/{tested.spec.name}/")]
-        raise tested.broken("resume", f"after a resume these differ: {_some(lost or paths)}")
-    whole, part = _metrics(run.out), _metrics(out)
-    for iteration, row in part.items():
-        if names := [key for key in row if row[key] != whole[iteration].get(key)]:
-            raise tested.broken("resume", f"after a resume these metrics differ: {_some(names)}")
+    train(tested, run.config, out, checkpoint_path=RunDir(run.out).checkpoint_path(2))
+    paths = differences(run.state, final_state(out))
+    lost = [path for path in paths if path.startswith(f"/methods/{tested.name}/")]
+    tested.need(not paths, f"after a resume these differ: {_some(lost or paths)}")
+    whole = _metrics(run.out)
+    for iteration, row in _metrics(out).items():
+        names = [key for key in row if row[key] != whole[iteration].get(key)]
+        tested.need(not names, f"after a resume these metrics differ: {_some(names)}")
 
 
 _CLOCKS = ("seconds", "_mb", "steps_per_second")
@@ -151,10 +148,12 @@ def check_sizes(tested: MethodUnderTest, folder: Path) -> None:
     """Check a single game, and more games than steps."""
     one = {"num_envs": 1, "steps": 16, "ppo": {"num_steps": 16, "epochs": 1, "minibatches": 2}}
     many = {"num_envs": 37, "steps": 37 * 3, "ppo": {"num_steps": 3, "epochs": 1, "minibatches": 2}}
-    train(tested, tested.config(**one), folder / "one", check="one game")
-    train(tested, tested.config(**many), folder / "many", check="many games")
+    for check, changes in (("one game", one), ("many games", many)):
+        with tested.check(check):
+            train(tested, tested.config(**changes), folder / check)
 
 
+@checking("companions")
 def check_companions(tested: MethodUnderTest, out: Path) -> None:
     """Check with a dependent method that implements every hook, and an observer of both sides."""
     companions.beside(tested.registry, tested.spec)
@@ -164,19 +163,19 @@ def check_companions(tested: MethodUnderTest, out: Path) -> None:
         "steps": 2 * 48,
         "evaluation": {"episodes": 2},
     }
-    trainer = train(tested, tested.config(**changes), out, check="companions")
+    trainer = train(tested, tested.config(**changes), out)
     (*_, last) = _metrics(out).values()
     follower = trainer.attack.methods[companions.FOLLOWER]
     assert isinstance(follower, companions.Follower)
-    lost = {
-        "extend_observation": companions.GROUP not in follower.seen_groups,
-        "shape_reward": f"reward/{companions.TERM}" not in last,
-        "relabel_reward": "reward/relabelled" not in last,
-        "finish_rollout": companions.STREAM not in trainer.attack.learner.critics,
-        "update_auxiliary": f"{companions.FOLLOWER}/{companions.METRIC}" not in last,
+    kept = {
+        "extend_observation": companions.GROUP in follower.seen_groups,
+        "shape_reward": f"reward/{companions.TERM}" in last,
+        "relabel_reward": "reward/relabelled" in last,
+        "finish_rollout": companions.STREAM in trainer.attack.learner.critics,
+        "update_auxiliary": f"{companions.FOLLOWER}/{companions.METRIC}" in last,
     }
-    for hook in (hook for hook, gone in lost.items() if gone):
-        raise tested.broken("companions", f"{hook}: what another plugin answers is lost", hook)
+    for hook, there in kept.items():
+        tested.need(there, f"{hook}: what another plugin answers is lost", hook)
 
 
 def _some(paths: Sequence[str]) -> str:

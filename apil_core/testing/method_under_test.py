@@ -9,13 +9,14 @@ from typing import Any
 
 from apil_core.api.config import RunConfig
 from apil_core.api.specs import MethodSpec, load
-from apil_core.common.errors import PluginError, UnknownNameError
+from apil_core.common.errors import UnknownNameError
 from apil_core.config.resolve import complete
 from apil_core.evaluation.progress import Progress
-from apil_core.plugins.discovery import PluginRegistry, discover
+from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.runs.session import Session
-from apil_core.testing.checks import METHOD_CHECKS, Check, ContractError, reported_as
+from apil_core.testing.checks import METHOD_CHECKS, Subject
+from apil_core.testing.registry import registry_of
 from apil_core.testing.tiny import tiny_config
 from apil_core.training.build import build
 from apil_core.training.storage import checkpoint
@@ -27,37 +28,33 @@ SHORT = 5
 
 
 @dataclass
-class MethodUnderTest:
+class MethodUnderTest(Subject):
     """A method under test.
 
     Attributes:
-        spec: its spec.
-        registry: a registry of its own, with the method in it.
-        options: of the method, as under ``options.<name>``; ``None``: the defaults.
         env: the game it is tried on.
+        options: of the method, as under ``options.<name>``; ``None``: the defaults.
+        registry: a registry of its own, with the method in it.
     """
 
-    spec: MethodSpec
-    registry: PluginRegistry
+    kind = "method"
+    checks = METHOD_CHECKS
+
     env: str
-    options: Mapping[str, Any] | None = None
-    skipped: list[str] = field(default_factory=list)
+    options: Mapping[str, Any] | None
+    registry: PluginRegistry = field(default_factory=PluginRegistry)
 
     @property
-    def who(self) -> str:
-        """Name for messages."""
-        return f"method {self.spec.name!r}"
-
-    def broken(self, check: str, happened: str, hook: str | None = None) -> ContractError:
-        """Make the error for one of :data:`METHOD_CHECKS`."""
-        return ContractError(self.who, METHOD_CHECKS[check], happened, hook)
+    def spec(self) -> MethodSpec:
+        """Its spec."""
+        return self.registry.methods[self.name]
 
     def config(self, **changes: Any) -> RunConfig:
         """A run of the method: 6 games, 4 rollouts of 8 steps, all checkpoints kept."""
         spec = self.registry.game(self.env)
         shortened = spec.config is not None and "max_steps" in load(spec.config).model_fields
         base: dict[str, Any] = {
-            "method": self.spec.name,
+            "method": self.name,
             "env": self.env,
             "steps": 4 * 48,
             "num_envs": 6,
@@ -65,7 +62,7 @@ class MethodUnderTest:
             "ppo": {"num_steps": 8, "epochs": 2, "minibatches": 2},
             "checkpoint": {"every_iterations": 1, "keep": 100},
             "game": {"max_steps": SHORT} if shortened else {},
-            "options": {} if self.options is None else {self.spec.name: dict(self.options)},
+            "options": {} if self.options is None else {self.name: dict(self.options)},
         }
         return tiny_config(**{**base, **changes})
 
@@ -82,35 +79,11 @@ def find(
         ContractError: its plugin is broken.
         UnknownNameError: no method or no game has that name.
     """
-    name = method.name if isinstance(method, MethodSpec) else method
-    registry = registry_with(f"method {name!r}", METHOD_CHECKS["spec"], plugins)
-    if isinstance(method, MethodSpec):
-        registry.methods[name] = method
-    elif name not in registry.methods:
-        raise_if_broken(f"method {name!r}", METHOD_CHECKS["spec"], registry, name)
-        raise UnknownNameError("method", name, registry.methods)
-    registry.game(env)
-    return MethodUnderTest(registry.methods[name], registry, env, options)
-
-
-def registry_with(who: str, check: Check, plugins: Sequence[str | Path]) -> PluginRegistry:
-    """Make a separate registry, so that what is added to it does not affect others.
-
-    Raises:
-        ContractError: one of the files is broken.
-    """
-    try:
-        return discover(plugins)
-    except PluginError as error:
-        raise ContractError(who, check, str(error)) from error
-
-
-def raise_if_broken(who: str, check: Check, registry: PluginRegistry, name: str) -> None:
-    """If a plugin that was left out may offer the unknown name, raise the reason it was left out."""
-    for record in registry.records:
-        if record.error is not None and record.name == name:
-            text = f"plugin {record.name!r} ({record.origin}) is broken: {record.error}"
-            raise ContractError(who, check, text)
+    tested = MethodUnderTest(method if isinstance(method, str) else method.name, env, options)
+    with tested.check("spec", UnknownNameError):
+        tested.registry = registry_of(tested, method, plugins)
+    tested.registry.game(env)
+    return tested
 
 
 def train(
@@ -118,7 +91,6 @@ def train(
     config: RunConfig,
     out: Path,
     *,
-    check: str = "run",
     manager: type[RunHookManager] = RunHookManager,
     checkpoint_path: Path | None = None,
 ) -> Trainer:
@@ -130,24 +102,19 @@ def train(
         tested: the method.
         config: of the run.
         out: its directory.
-        check: that is broken if something goes wrong.
         manager: of its hooks.
         checkpoint_path: start from here.
-
-    Raises:
-        ContractError: the method failed.
     """
     registry = tested.registry
-    with reported_as(tested.who, METHOD_CHECKS[check]):
-        config = complete(config, registry).model_copy(update={"victim_sha256": ""})
-        trainer = Trainer(build(config, registry, manager=manager), registry)
-        pending: Sequence[dict[str, float]] = ()
-        if checkpoint_path is not None:
-            state = checkpoint.read(checkpoint_path)
-            trainer.load_state_dict(state)
-            pending = state.get("pending_rows", ())
-        run_dir = RunDir.create(trainer.config, out, (), registry)
-        Session(trainer, run_dir, Progress(), registry, pending).run()
+    config = complete(config, registry).model_copy(update={"victim_sha256": ""})
+    trainer = Trainer(build(config, registry, manager=manager), registry)
+    pending: Sequence[dict[str, float]] = ()
+    if checkpoint_path is not None:
+        state = checkpoint.read(checkpoint_path)
+        trainer.load_state_dict(state)
+        pending = state.get("pending_rows", ())
+    run_dir = RunDir.create(trainer.config, out, (), registry)
+    Session(trainer, run_dir, Progress(), registry, pending).run()
     return trainer
 
 

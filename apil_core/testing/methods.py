@@ -12,7 +12,7 @@ import torch
 
 from apil_core.api.specs import MethodSpec
 from apil_core.testing import method_calls, method_play, method_runs, method_spec
-from apil_core.testing.checks import METHOD_CHECKS
+from apil_core.testing.method_runs import WatchedRun
 from apil_core.testing.method_under_test import MethodUnderTest, find
 from apil_core.testing.reports import MethodReport
 
@@ -45,36 +45,38 @@ def check_method(
     tested = find(method, plugins, options, env)
     with torch.random.fork_rng(devices=[]), tempfile.TemporaryDirectory() as folder:
         without_a_run(tested)
-        report = in_runs(tested, Path(folder))
-    unchecked = {text.split(":")[0].capitalize() for text in tested.skipped}
-    report.checked = [p.title for p in METHOD_CHECKS.values() if p.title not in unchecked]
-    report.skipped = tested.skipped
-    report.seconds = time.process_time() - begin
-    return report
+        run = in_runs(tested, Path(folder))
+    hooks, seconds = method_calls.costs(tested, run)
+    return MethodReport(
+        name=tested.name,
+        env=env,
+        checked=tested.checked(),
+        skipped=tested.skipped,
+        hooks=hooks,
+        seconds_per_step=seconds,
+        num_envs=run.config.num_envs,
+        seconds=time.process_time() - begin,
+    )
 
 
 def without_a_run(tested: MethodUnderTest) -> None:
     """Check spec, module, options, marks, answers, and the state as built."""
     method_spec.check_spec(tested)
-    spec, who = tested.spec, tested.who
-    with_reason = method_spec.check_import(
-        who, METHOD_CHECKS["import"], tested.registry, "methods", spec.name
-    )
-    if with_reason is not None:
-        tested.skipped.append(with_reason)
-    method_spec.check_options(who, METHOD_CHECKS["options"], spec.config)
+    with tested.check("import"):
+        method_spec.check_import(tested, tested.registry, "methods", tested.name)
+    with tested.check("options"):
+        method_spec.check_options(tested, tested.spec.config)
     methods, hooks = method_runs.built(tested)
-    method = methods[spec.name]
-    method_spec.check_marks(tested, method, hooks)
+    method_spec.check_marks(tested, methods[tested.name], hooks)
     method_spec.check_answers(tested, hooks)
-    method_runs.check_state(tested, method, "as built")
+    method_runs.check_state(tested, methods[tested.name], "as built")
 
 
-def in_runs(tested: MethodUnderTest, folder: Path) -> MethodReport:
+def in_runs(tested: MethodUnderTest, folder: Path) -> WatchedRun:
     """Run the remaining checks; runs are stored in ``folder``."""
     run = method_runs.watched_run(tested, folder / "watched")
     method_calls.check_calls(tested, run)
-    method_runs.check_state(tested, run.trainer.attack.methods[tested.spec.name], "after training")
+    method_runs.check_state(tested, run.trainer.attack.methods[tested.name], "after training")
     method_runs.check_same_seed(tested, run, folder / "again")
     method_runs.check_other_seed(tested)
     method_runs.check_resume(tested, run, folder / "resumed")
@@ -82,11 +84,4 @@ def in_runs(tested: MethodUnderTest, folder: Path) -> MethodReport:
     method_play.check_export(tested, run)
     method_runs.check_sizes(tested, folder)
     method_runs.check_companions(tested, folder / "companions")
-    hooks, seconds = method_calls.costs(tested, run)
-    return MethodReport(
-        name=tested.spec.name,
-        env=tested.env,
-        hooks=hooks,
-        seconds_per_step=seconds,
-        num_envs=run.config.num_envs,
-    )
+    return run

@@ -16,15 +16,15 @@ from torch import Tensor
 from apil_core.api.game import Game
 from apil_core.api.policy import Policy
 from apil_core.api.types import View
+from apil_core.common.errors import PluginError
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.evaluation.score import evaluate
-from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.plugins.registry import make_game
 from apil_core.policies.conformance import examine
 from apil_core.policies.loading import LoadOptions, load_victim
-from apil_core.testing.checks import VICTIM_CHECKS, ContractError, reported_as
-from apil_core.testing.method_under_test import registry_with
+from apil_core.testing.checks import VICTIM_CHECKS, ContractError, Subject, checking
 from apil_core.testing.reports import VictimReport
 
 GAMES, STEPS, EPISODES = 4, 5, 8
@@ -32,34 +32,42 @@ _DIGEST = re.compile(r"[0-9a-f]{64}")
 
 
 @dataclass
-class Candidate:
+class Candidate(Subject):
     """A victim under test.
 
     Attributes:
-        name: as given.
         game: with the seat it takes; not stepped.
         side: index of the seat.
         registry: in which the name is looked up.
     """
 
-    name: str
+    kind = "victim"
+    checks = VICTIM_CHECKS
+
     game: Game
     side: int
     registry: PluginRegistry
 
-    @property
-    def who(self) -> str:
-        """Name for messages."""
-        return f"victim {self.name!r}"
-
-    def broken(self, check: str, happened: str) -> ContractError:
-        """Make the error for one of :data:`VICTIM_CHECKS`."""
-        return ContractError(self.who, VICTIM_CHECKS[check], happened)
-
+    @checking("load")
     def load(self, name: str) -> Policy:
         """Load the policy of that name for the seat, trusted, since its author runs the check."""
-        with reported_as(self.who, VICTIM_CHECKS["load"]):
-            return load_victim(name, self.game, self.side, "cpu", self.registry, LoadOptions(trust=True))
+        return load_victim(name, self.game, self.side, "cpu", self.registry, LoadOptions(trust=True))
+
+    def acts(self, policy: Policy, steps: range, generator: torch.Generator) -> Tensor:
+        """Actions of a policy in steps of one sequence of made-up observations, (steps, GAMES, a)."""
+        sides = self.game.layout.sides
+        own, opponent = sides[self.side], sides[1 - self.side]
+        chosen = []
+        for step in steps:
+            drawn = torch.Generator().manual_seed(step)
+            view = View(
+                torch.randn(GAMES, own.observation_size, generator=drawn),
+                torch.randn(GAMES, opponent.observation_size, generator=drawn),
+                torch.full((GAMES,), step == 0),
+            )
+            with torch.no_grad():
+                chosen.append(policy.act(view, sample=True, generator=generator).action.clone())
+        return torch.stack(chosen)
 
 
 def check_victim(
@@ -83,7 +91,10 @@ def check_victim(
         UnknownNameError: no game has that name.
     """
     begin = time.process_time()
-    registry = registry_with(f"victim {name!r}", VICTIM_CHECKS["load"], plugins)
+    try:
+        registry = discover(plugins)
+    except PluginError as error:
+        raise ContractError(f"victim {name!r}", VICTIM_CHECKS["load"], str(error)) from error
     spec = registry.game(env)
     game = make_game(env, num_envs=GAMES, threads=1, plugins=registry)
     try:
@@ -100,7 +111,7 @@ def check_victim(
         env=env,
         side=game.layout.sides[candidate.side].name,
         sha256=policy.info.sha256,
-        checked=[check.title for check in VICTIM_CHECKS.values()],
+        checked=candidate.checked(),
         notes=notes,
         wins=result.losses,
         ties=result.ties,
@@ -109,91 +120,67 @@ def check_victim(
     )
 
 
+@checking("load")
 def check_identity(candidate: Candidate) -> Policy:
     """Check that it loads, under its own name, with the same hash."""
     policy = candidate.load(candidate.name)
-    again = candidate.load(policy.info.name)
-    if again.info.name != policy.info.name:
-        text = f"it says its name is {policy.info.name!r}, which loads one named {again.info.name!r}"
-        raise candidate.broken("load", text)
-    if not _DIGEST.fullmatch(policy.info.sha256):
-        raise candidate.broken("hash", f"info.sha256 must be 64 hex digits, got {policy.info.sha256!r}")
-    if again.info.sha256 != policy.info.sha256:
-        raise candidate.broken("hash", "loaded twice, it has two hashes")
+    info, again = policy.info, candidate.load(policy.info.name).info
+    text = f"it says its name is {info.name!r}, which loads one named {again.name!r}"
+    candidate.need(again.name == info.name, text)
+    with candidate.check("hash"):
+        digest = _DIGEST.fullmatch(info.sha256)
+        candidate.need(digest, f"info.sha256 must be 64 hex digits, got {info.sha256!r}")
+        candidate.need(again.sha256 == info.sha256, "loaded twice, it has two hashes")
     return policy
 
 
+@checking("acts")
 def check_acting(candidate: Candidate, policy: Policy) -> list[str]:
     """Run the checks of ``apil victims check``; return its notes."""
     sides = candidate.game.layout.sides
     found = examine(policy, sides[candidate.side], sides[1 - candidate.side])
-    for error in found.errors:
-        raise candidate.broken("acts", error)
+    candidate.need(not found.errors, next(iter(found.errors), ""))
     traits = {"recurrent": found.recurrent, "stochastic": found.stochastic}
     return [*found.notes, *(name for name, has in traits.items() if has)]
 
 
+@checking("same")
 def check_same(candidate: Candidate) -> None:
     """Check that two copies act alike, as does one that loads the other's state."""
-    left, right = candidate.load(candidate.name), candidate.load(candidate.name)
-    one, other = _Seated(candidate, left), _Seated(candidate, right)
-    if not torch.equal(one.act(STEPS), other.act(STEPS)):
-        raise candidate.broken("same", "loaded twice, it acts differently for the same seed")
-    third = candidate.load(candidate.name)
-    with reported_as(candidate.who, VICTIM_CHECKS["same"]):
-        third.load_recurrent_state(copy.deepcopy(left.recurrent_state()))
-    follower = _Seated(candidate, third, one.generator.get_state(), one.step)
-    if not torch.equal(one.act(STEPS), follower.act(STEPS)):
-        raise candidate.broken("same", "a copy that loads its recurrent_state() does not go on as it does")
+    early, late = range(STEPS), range(STEPS, 2 * STEPS)
+    one, other, third = (candidate.load(candidate.name) for _ in range(3))
+    generators = [torch.Generator().manual_seed(0) for _ in range(2)]
+    actions = []
+    for policy, generator in zip((one, other), generators, strict=True):
+        policy.seed(0)
+        actions.append(candidate.acts(policy, early, generator))
+    candidate.need(torch.equal(*actions), "loaded twice, it acts differently for the same seed")
+    third.load_recurrent_state(copy.deepcopy(one.recurrent_state()))
+    actions = [
+        candidate.acts(policy, late, generator)
+        for policy, generator in zip((one, third), generators, strict=True)
+    ]
+    text = "a copy that loads its recurrent_state() does not go on as it does"
+    candidate.need(torch.equal(*actions), text)
 
 
-class _Seated:
-    """A policy that is shown the same artificial observations step by step."""
-
-    def __init__(self, candidate: Candidate, policy: Policy, random: Tensor | None = None, step: int = 0):
-        self.candidate, self.policy, self.step = candidate, policy, step
-        self.generator = torch.Generator().manual_seed(0)
-        if random is None:
-            policy.seed(0)
-        else:
-            self.generator.set_state(random)
-
-    def act(self, steps: int) -> Tensor:
-        """Actions of the next steps, (steps, GAMES, a)."""
-        sides = self.candidate.game.layout.sides
-        own, opponent = sides[self.candidate.side], sides[1 - self.candidate.side]
-        chosen = []
-        for _ in range(steps):
-            random = torch.Generator().manual_seed(self.step)
-            view = View(
-                torch.randn(GAMES, own.observation_size, generator=random),
-                torch.randn(GAMES, opponent.observation_size, generator=random),
-                torch.full((GAMES,), self.step == 0),
-            )
-            with torch.no_grad():
-                decision = self.policy.act(view, sample=True, generator=self.generator)
-            chosen.append(decision.action.clone())
-            self.step += 1
-        return torch.stack(chosen)
-
-
+@checking("play")
 def check_playing(candidate: Candidate, env: str) -> EvaluationResult:
     """Play a few games against noise, twice."""
-    with reported_as(candidate.who, VICTIM_CHECKS["play"]):
-        results = [
-            evaluate(
-                "random",
-                env=env,
-                victim=candidate.name,
-                victim_seat=1 if candidate.side else 0,
-                episodes=EPISODES,
-                threads=1,
-                trust=True,
-                plugins=candidate.registry,
-            )
-            for _ in range(2)
-        ]
-    first, second = results
-    if (first.wins, first.ties, first.mean_length) != (second.wins, second.ties, second.mean_length):
-        raise candidate.broken("play", "the same seed gave two scores")
+    seat: Literal[0, 1] = 1 if candidate.side else 0
+    first, second = (
+        evaluate(
+            "random",
+            env=env,
+            victim=candidate.name,
+            victim_seat=seat,
+            episodes=EPISODES,
+            threads=1,
+            trust=True,
+            plugins=candidate.registry,
+        )
+        for _ in range(2)
+    )
+    alike = (first.wins, first.ties, first.mean_length) == (second.wins, second.ties, second.mean_length)
+    candidate.need(alike, "the same seed gave two scores")
     return first

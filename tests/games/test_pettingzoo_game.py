@@ -455,7 +455,7 @@ def test_a_state_goes_on_with_another_number_of_workers() -> None:
     for play in plays:
         play.run(30)
         play.game.close()
-    assert same(*plays)
+    assert same(*(play.trace for play in plays))
 
 
 def test_long_games_are_remembered_whole() -> None:
