@@ -20,7 +20,7 @@ from apil_core.runs.retraining.config import RetrainConfig
 
 if TYPE_CHECKING:
     from apil_core.evaluation.results import EvaluationResult
-    from apil_core.runs.retraining.scoring import RetrainResult
+    from apil_core.runs.retraining.session import RetrainResult
 
 _WHO = Group("Who is hardened against whom", sort_key=0)
 _HOW = Group("How", sort_key=1)

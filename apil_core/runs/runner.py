@@ -148,7 +148,7 @@ def resume(
             trainer.stopped = state.get("stopped", "")
         world.wait()  # until all have read the files that the first process now changes
         if world.is_main:
-            _back_to(directory, path, state)
+            go_back(directory, path, state)
             directory.write_config(trainer.config, registry)
             directory.note_environment(command)
         progress = progress or Progress()
@@ -181,7 +181,7 @@ def _read(path: Path, stored: RunConfig, registry: PluginRegistry, world: World)
     return state if world.is_main else checkpoint.read(part_of_rank(path, world.rank))
 
 
-def _back_to(directory: RunDir, path: Path, state: dict[str, Any]) -> None:
+def go_back(directory: RunDir, path: Path, state: dict[str, Any]) -> None:
     """Set aside what the run wrote after the checkpoint at ``path``, from which it takes another course."""
     truncate_metrics(directory.metrics_path, iterations_in_rows(state))
     directory.abandon_after(state["iteration"])

@@ -13,7 +13,7 @@ from retraining.victims import student
 
 from apil_core import Method, MethodSpec, Rollout, hookimpl, retrain, run
 from apil_core.runs.distillation.report import Report
-from apil_core.runs.retraining.scoring import RetrainResult
+from apil_core.runs.retraining.session import RetrainResult
 from docs.pages import ROOT, sections
 
 PAGE = ROOT / "docs" / "metrics.md"

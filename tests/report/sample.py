@@ -12,6 +12,7 @@ from typing import Any, Literal
 from apil_core.api.config import RunConfig
 from apil_core.evaluation.crossplay.document import CrossPlay, Player
 from apil_core.evaluation.results import EvaluationResult, wilson
+from apil_core.plugins.registry import default_plugins
 from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.runs.retraining.folder import RetrainDir
 from apil_core.studies.activations.models import ActivationMap, LogLikelihood
@@ -217,7 +218,7 @@ def _retrained(bench: BenchDir) -> None:
         steps=500_000,
         recorders=("jsonl",),
     )
-    folder = RetrainDir.begin(config, path, ["apil", "retrain"])
+    folder = RetrainDir.create(config, path, ["apil", "retrain"], default_plugins())
     recorder = JsonlRecorder(path)
     for i in range(5):
         counts = {"games": 500, "wins": 100 + 50 * i, "ties": 5}

@@ -32,7 +32,7 @@ def test_the_victim_acts_first_and_only_the_outcome_is_rewarded(tmp_path: Path) 
     victim = student(tmp_path / "s.safetensors", "mlp")
     flags = {"env": "toy-pursuit", "victim": victim, "baseline": "random", "threads": 1, "num_envs": GAMES}
     config = settings([runner(tmp_path / "c.safetensors", "opponent", 0.35)], {**flags, "ppo.num_steps": 60})
-    trainer = prepare(config, default_plugins()).trainer
+    trainer = prepare(config, default_plugins())
     env = trainer.attack.env
     oracle = Oracle()
     env.victim.policies = [oracle, Oracle()]

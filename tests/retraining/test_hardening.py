@@ -11,7 +11,7 @@ from apil_core.common.statistics import difference
 from apil_core.evaluation.results import EvaluationResult
 from apil_core.runs.retraining.folder import RetrainDir
 from apil_core.runs.retraining.retrain import retrain
-from apil_core.runs.retraining.scoring import RetrainResult
+from apil_core.runs.retraining.session import RetrainResult
 from apil_core.runs.retraining.settings import settings
 from apil_core.studies.curves.retraining import draw_opponents, read_opponents
 from retraining.victims import runner

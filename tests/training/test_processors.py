@@ -33,7 +33,7 @@ student = prepare_distillation(named(distilling, plugins), plugins)
 states = {
     "run": attack.learner.state_dict(),
     "methods": {name: method.state_dict() for name, method in attack.methods.items()},
-    "retraining": retraining.trainer.learner.state_dict(),
+    "retraining": retraining.learner.state_dict(),
     "distillation": student.learner.state_dict(),
 }
 assert torch.get_num_threads() == int(sys.argv[2])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import torch
 from torch import nn
@@ -17,14 +17,14 @@ from apil_core.plugins.default_victim import default_baseline
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.hook_manager import RunHookManager
 from apil_core.plugins.registry import make_game
-from apil_core.policies.frozen_policy import StoredCritic
+from apil_core.policies.frozen_policy import FrozenPolicy, StoredCritic
 from apil_core.policies.loading import LoadOptions, load_victim
 from apil_core.policies.network import NetworkShape, PolicyNetwork, Standardizer, Weights
 from apil_core.runs.retraining.config import MIXED, RetrainConfig
 from apil_core.runs.retraining.environment import FixedObservations, OpponentStats
 from apil_core.runs.retraining.mixture import MixturePolicy
 from apil_core.runs.retraining.settings import BASELINE
-from apil_core.runs.retraining.trainable import LINEAR, Trainable, trainable
+from apil_core.runs.retraining.trainable import LINEAR, trainable
 from apil_core.runs.retraining.trainer import RetrainTrainer
 from apil_core.runs.runner import check_recorders
 from apil_core.training.attack_env import AttackEnv
@@ -35,24 +35,8 @@ from apil_core.training.recurrent_ppo import NetworkLearner, NetworkModel
 from apil_core.training.rewards import resolve_weights
 
 
-@dataclass
-class Setting:
-    """The parts of a retraining.
-
-    Attributes:
-        config: with every name and hash filled in.
-        victim: as it was.
-        opponents: by label, the baseline last if there is one.
-    """
-
-    config: RetrainConfig
-    victim: Policy
-    opponents: dict[str, Policy]
-    trainer: RetrainTrainer
-
-
 @one_torch_thread()
-def prepare(config: RetrainConfig, plugins: PluginRegistry) -> Setting:
+def prepare(config: RetrainConfig, plugins: PluginRegistry) -> RetrainTrainer:
     """Build everything; seeds torch's global generator.
 
     Raises:
@@ -78,7 +62,8 @@ def prepare(config: RetrainConfig, plugins: PluginRegistry) -> Setting:
     except BaseException:
         game.close()
         raise
-    return Setting(config, victim, opponents, RetrainTrainer(config, attack, plugins, stored))
+    infos = {label: policy.info for label, policy in opponents.items()}
+    return RetrainTrainer(config, attack, plugins, victim.info, infos, stored)
 
 
 def _check_numbers(config: RetrainConfig) -> None:
@@ -106,9 +91,8 @@ def _with_baseline(config: RetrainConfig, plugins: PluginRegistry) -> RetrainCon
 
 
 def _opponents(config: RetrainConfig, game: Game, plugins: PluginRegistry) -> dict[str, Policy]:
-    names = [*config.adversaries, *([config.baseline] if config.baseline else [])]
     found = {}
-    for number, (label, name) in enumerate(zip(config.labels, names, strict=True)):
+    for number, (label, name) in enumerate(config.opponents.items()):
         load_options = LoadOptions(
             config.trust, stream_seed(config.seed, f"opponent {number}'s hooks"), second=True
         )
@@ -145,23 +129,17 @@ def _pinned(config: RetrainConfig, victim: Policy, opponents: dict[str, Policy])
     )
 
 
-def shares(config: RetrainConfig) -> dict[str, float]:
-    """Share of play of each opponent by label; the adversaries split theirs equally."""
-    many = len(config.adversaries)
-    parts = [config.adversary_share / many] * many + [1 - config.adversary_share]
-    return dict(zip(config.labels, parts, strict=False))
-
-
 def _attack(
     config: RetrainConfig,
     game: Game,
-    parts: Trainable,
+    parts: FrozenPolicy,
     opponents: dict[str, Policy],
     plugins: PluginRegistry,
     device: torch.device,
 ) -> tuple[RunParts, StoredCritic | None]:
     """Build the parts of a run with the seats swapped: the victim learns, the opponents are frozen."""
-    mixture = _mixture(config, opponents).to(device)
+    frozen, seed = [opponents[name] for name in config.shares], stream_seed(config.seed, "retraining turns")
+    mixture = MixturePolicy(frozen, list(config.shares.values()), config.mix, seed).to(device)
     hooks = RunHookManager((), {})
     hooks.device = device
     streams = generators(config.seed, device)
@@ -192,13 +170,7 @@ def _attack(
     ), stored
 
 
-def _mixture(config: RetrainConfig, opponents: dict[str, Policy]) -> MixturePolicy:
-    seed = stream_seed(config.seed, "retraining turns")
-    parts = shares(config)
-    return MixturePolicy([opponents[name] for name in parts], list(parts.values()), config.mix, seed)
-
-
-def _critic(config: RetrainConfig, parts: Trainable) -> tuple[NetworkModel, StoredCritic | None]:
+def _critic(config: RetrainConfig, parts: FrozenPolicy) -> tuple[NetworkModel, StoredCritic | None]:
     stored = parts.critic if config.critic != "new" else None
     if stored is not None:
         critic = NetworkModel(_copy(stored.shape, stored.weights))

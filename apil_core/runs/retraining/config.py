@@ -78,6 +78,19 @@ class RetrainConfig(RunConfig):
     """The outcome is the only reward there is: its weight, and whether returns are normalised."""
     evaluation: RetrainEvaluation = RetrainEvaluation()
 
+    @property
+    def opponents(self) -> dict[str, str]:
+        """Policy names by label, the baseline's last if there is one."""
+        names = [*self.adversaries, *([self.baseline] if self.baseline else [])]
+        return dict(zip(self.labels, names, strict=True))
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Share of play of each opponent by label; the adversaries split theirs equally."""
+        many = len(self.adversaries)
+        parts = [self.adversary_share / many] * many + [1 - self.adversary_share]
+        return dict(zip(self.labels, parts, strict=False))
+
     @model_validator(mode="before")
     @classmethod
     def _as_version_2_has_it(cls, data: Any) -> Any:

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Sequence
 from pathlib import Path
 
 from pydantic import ValidationError
 
+from apil_core.api.config import RunConfig
 from apil_core.common.errors import RunDirError, VictimError
-from apil_core.common.files import unused, write_atomically
+from apil_core.common.files import write_atomically
 from apil_core.config.absent import read_stored
 from apil_core.config.kind import is_retraining
 from apil_core.config.layers import file_layer
 from apil_core.config.problems import problems_of, raise_problems
 from apil_core.config.yaml import commented_yaml
+from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import default_plugins
 from apil_core.policies.frozen_policy import FrozenPolicy
 from apil_core.runs.retraining.config import NOT_ITS_OWN, RetrainConfig
-from apil_core.training.storage.run_dir import DEFAULT_ROOT, RunDir
+from apil_core.training.storage.run_dir import RunDir
 
 SCHEME = "retrained"
 
@@ -34,21 +34,12 @@ class RetrainDir(RunDir):
         super().__init__(path)
         self.victim_path = self.path / "victim.safetensors"
 
-    @classmethod
-    def begin(cls, config: RetrainConfig, out: Path | None, command: Sequence[str]) -> RetrainDir:
-        """Create the directory with the settings and a note of the machine and versions.
+    @staticmethod
+    def _folder(config: RunConfig) -> str:
+        assert isinstance(config, RetrainConfig)
+        return f"retrain/{'+'.join(config.labels)}"
 
-        Raises:
-            RunDirError: it exists and is not empty, or cannot be written.
-        """
-        stamp = f"{time.strftime('%Y%m%d-%H%M%S')}-s{config.seed}"
-        made = cls(out or unused(DEFAULT_ROOT / config.env / "retrain" / "+".join(config.labels) / stamp))
-        with made.make("apil resume"):
-            made.write_settings(config)
-            made.note_environment(command)
-        return made
-
-    def write_settings(self, config: RetrainConfig) -> None:
+    def write_config(self, config: RunConfig, plugins: PluginRegistry) -> None:
         """Store the settings."""
         own = config.model_dump(mode="json", exclude={name for name in NOT_ITS_OWN if "." not in name})
         text = commented_yaml(own, RetrainConfig).encode()

@@ -15,15 +15,12 @@ from apil_core.plugins.registry import plugins_with
 from apil_core.runs.retraining.build import prepare
 from apil_core.runs.retraining.config import VERSION, RetrainConfig
 from apil_core.runs.retraining.folder import RetrainDir
-from apil_core.runs.retraining.scoring import RetrainResult
-from apil_core.runs.retraining.session import RetrainSession
+from apil_core.runs.retraining.session import RetrainResult, RetrainSession
 from apil_core.runs.retraining.settings import settings
-from apil_core.runs.runner import changed, check_unfinished
+from apil_core.runs.runner import changed, check_unfinished, go_back
 from apil_core.training.distributed.world import ALONE
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.checkpoint import MAY_CHANGE, check_same_settings, fitting
-from apil_core.training.storage.metrics_log import iterations_in_rows
-from apil_core.training.storage.recorders import truncate_metrics
 
 _BY_HASH = ("victim", "adversaries", "baseline")
 """Settings that may change, too: policies are identified by their hashes, which are compared."""
@@ -55,10 +52,11 @@ def retrain(
         values = {key: as_text(value) for key, value in changes.items()}
         config = settings([policy_name(each) for each in config], values, plugins=plugins)
     registry = plugins or plugins_with(config.plugins)
-    setting = prepare(config, registry)
-    directory = RetrainDir.begin(setting.config, None if out is None else Path(out), command)
+    trainer = prepare(config, registry)
+    place = None if out is None else Path(out)
+    directory = RetrainDir.create(trainer.retraining, place, command, registry)
     with directory.lock():
-        return RetrainSession(setting, directory, progress or Progress(), registry).retrain()
+        return RetrainSession(trainer, directory, progress or Progress(), registry).retrain()
 
 
 def resume(
@@ -101,15 +99,13 @@ def resume(
         registry = plugins or plugins_with(config.plugins)
         _check_same(state, config, registry, path)
         check_unfinished(space, state, config, ALONE)
-        setting = prepare(config, registry)
+        trainer = prepare(config, registry)
         with fitting(path):
-            setting.trainer.load_state_dict(state)
-        truncate_metrics(space.metrics_path, iterations_in_rows(state))
-        space.abandon_after(state["iteration"])
-        space.retire_result(int(state["steps"]))
-        space.write_settings(setting.config)
+            trainer.load_state_dict(state)
+        go_back(space, path, state)
+        space.write_config(trainer.retraining, registry)
         space.note_environment(command)
-        return RetrainSession(setting, space, progress or Progress(), registry, state).retrain()
+        return RetrainSession(trainer, space, progress or Progress(), registry, state).retrain()
 
 
 def _check_same(state: Mapping[str, Any], config: RetrainConfig, plugins: PluginRegistry, path: Path) -> None:

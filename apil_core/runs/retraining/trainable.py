@@ -7,15 +7,13 @@ student's file, and needs no code of its own to play.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from torch import Tensor, nn
+from torch import nn
 
 from apil_core.api.policy import Policy
 from apil_core.api.types import OWN_GROUP
 from apil_core.common.errors import VictimError
-from apil_core.policies.frozen_policy import FrozenPolicy, StoredCritic
-from apil_core.policies.network import NetworkShape, Weights
+from apil_core.policies.frozen_policy import FrozenPolicy
+from apil_core.policies.network import NetworkShape
 from apil_core.training.adversary import AdversaryPolicy
 from apil_core.training.normalize import ObservationNormalizer
 
@@ -27,34 +25,20 @@ TRAINABLE = (
 """Policy names that :func:`trainable` accepts."""
 
 
-@dataclass(frozen=True)
-class Trainable:
-    """The parts of a trainable policy.
-
-    Attributes:
-        shape, weights: of the policy, named as in a student's file, float32, on the CPU.
-        critic: its value network, if it has one.
-    """
-
-    shape: NetworkShape
-    weights: Weights
-    critic: StoredCritic | None = None
-
-
-def trainable(policy: Policy) -> Trainable:
-    """Return the parts of a policy.
+def trainable(policy: Policy) -> FrozenPolicy:
+    """Return a policy in that form; itself if it has it.
 
     Raises:
         VictimError: it is none that can be trained.
     """
     if isinstance(policy, FrozenPolicy):
-        return Trainable(policy.shape, _plain(policy.weights), policy.critic)
+        return policy
     if isinstance(policy, AdversaryPolicy) and list(policy.builder.sizes) == [OWN_GROUP]:
         return _of_adversary(policy)
     raise VictimError(f"{policy.info.name} cannot be retrained; what can: {TRAINABLE}")
 
 
-def _of_adversary(policy: AdversaryPolicy) -> Trainable:
+def _of_adversary(policy: AdversaryPolicy) -> FrozenPolicy:
     normalizer = policy.builder.normalizers[OWN_GROUP]
     assert isinstance(normalizer, ObservationNormalizer)
     linears = [layer for layer in policy.actor.model.mlp if isinstance(layer, nn.Linear)]
@@ -69,8 +53,4 @@ def _of_adversary(policy: AdversaryPolicy) -> Trainable:
     for name in LINEAR:
         weights[f"mlp.{len(hidden)}.{name}"] = weights[f"mlp.{len(hidden)}.{name}"] * policy.actor.unit
     shape = NetworkShape("mlp", info.observation_size, info.action_size, 0, hidden, normalizer.clip)
-    return Trainable(shape, _plain(weights))
-
-
-def _plain(weights: Weights) -> dict[str, Tensor]:
-    return {name: tensor.detach().cpu().float().clone() for name, tensor in weights.items()}
+    return FrozenPolicy(info, shape, {name: tensor.detach().float() for name, tensor in weights.items()})

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from apil_core.api.policy import PolicyInfo
 from apil_core.api.types import Rollout
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.policies.frozen_policy import StoredCritic
@@ -28,15 +30,24 @@ class RetrainTrainer(Trainer):
         config: complete.
         attack: its parts; the learner is the victim.
         plugins: as for :class:`Trainer`.
+        original: the victim as it was.
+        opponents: by label, the baseline last if there is one.
         stored: source of the critic's network; its units are found with the first rollout.
     """
 
     def __init__(
-        self, config: RetrainConfig, attack: RunParts, plugins: PluginRegistry, stored: StoredCritic | None
+        self,
+        config: RetrainConfig,
+        attack: RunParts,
+        plugins: PluginRegistry,
+        original: PolicyInfo,
+        opponents: Mapping[str, PolicyInfo],
+        stored: StoredCritic | None,
     ):
         super().__init__(attack, plugins)
         assert isinstance(attack.learner, NetworkLearner)
         self.learner = attack.learner
+        self.retraining, self.original, self.opponents = config, original, opponents
         self.stored = stored
         default = _WARMUP["new" if stored is None else "stored"]
         self.warmup = default if config.critic_warmup is None else config.critic_warmup

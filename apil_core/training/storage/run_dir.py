@@ -55,17 +55,23 @@ class RunDir:
     @classmethod
     def create(
         cls, config: RunConfig, out: Path | None, command: Sequence[str], plugins: PluginRegistry
-    ) -> RunDir:
+    ) -> Self:
         """Make a fresh directory with the resolved config and the environment.
 
         Raises:
             RunDirError: it exists and is not empty, or cannot be written.
         """
-        run_dir = cls(out or _default_path(config))
+        stamp = f"{time.strftime('%Y%m%d-%H%M%S')}-s{config.seed}"
+        run_dir = cls(out or unused(DEFAULT_ROOT / config.env / cls._folder(config) / stamp))
         with run_dir.make("apil resume"):
             run_dir.write_config(config, plugins)
             run_dir.note_environment(command)
         return run_dir
+
+    @staticmethod
+    def _folder(config: RunConfig) -> str:
+        """Folder of such runs, in the game's."""
+        return config.method
 
     @contextmanager
     def make(self, resume: str) -> Iterator[None]:
@@ -366,8 +372,3 @@ def scored_victim(summary: Mapping[str, Any]) -> str:
 def part_of_rank(path: Path, rank: int) -> Path:
     """Path of a rank's part of the checkpoint; ``path`` is the first one's."""
     return path if rank == 0 else path.with_name(f"{path.name}.rank{rank}")
-
-
-def _default_path(config: RunConfig) -> Path:
-    stamp = time.strftime("%Y%m%d-%H%M%S")
-    return unused(DEFAULT_ROOT / config.env / config.method / f"{stamp}-s{config.seed}")
