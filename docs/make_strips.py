@@ -13,8 +13,9 @@ from pathlib import Path
 
 from PIL import Image
 
+from apil_core.evaluation.options import RenderOptions
 from apil_core.evaluation.pairing import load_pairing
-from apil_core.evaluation.video.recording import RenderOptions, show
+from apil_core.evaluation.video.recording import show
 from apil_core.evaluation.video.single_game import Outcome
 
 HERE = Path(__file__).parent
@@ -37,7 +38,7 @@ def make(game: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         sheet = Path(folder) / "sheet.png"
         size = dict(zip(("width", "height"), PANEL, strict=True))
-        options = RenderOptions(seed, until=outcome, snapshots=5, contact_sheet=sheet, **size)
+        options = RenderOptions(seed=seed, until=outcome, snapshots=5, contact_sheet=sheet, **size)
         with load_pairing(adversary, num_envs=1, env=game) as pairing:
             (played,) = show(pairing, options).games
         picture = Image.open(sheet).convert("RGB")

@@ -115,14 +115,15 @@ def _draw(run: RunDir) -> Path:
 
 
 def _record_win(run: RunDir, progress: Progress) -> Path:
+    from apil_core.evaluation.options import RenderOptions
     from apil_core.evaluation.pairing import load_pairing
-    from apil_core.evaluation.video.recording import RenderOptions, show
+    from apil_core.evaluation.video.recording import check_files, show
 
     config = run.config()
     path = run.won_game_path
     path.unlink(missing_ok=True)
-    options = RenderOptions(config.seed, episodes=TRIES, until="win", video=path)
-    options.check()
+    options = RenderOptions(seed=config.seed, episodes=TRIES, until="win", video=path)
+    check_files(options)
     with load_pairing(run.path, num_envs=1, threads=1, seed=config.seed, device=config.device) as pairing:
         show(pairing, options, progress)
     return path

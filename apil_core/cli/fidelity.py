@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from apil_core.cli.flags import Json, PairingFlags, Quiet, flags_of
+from apil_core.cli.flags import Flags, Json, Quiet, flags_of
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
-from apil_core.evaluation.options import PairingOptions
+from apil_core.evaluation.options import FidelityOptions
 
 if TYPE_CHECKING:
     from apil_core.api.specs import GameSpec
@@ -24,34 +24,33 @@ WEIGHTS_MISSING = 1
 
 
 @flags_of(
-    PairingOptions,
-    {None: ("physics", "seed", "num_envs", "threads", "plugin_files")},
+    FidelityOptions,
     {
-        "physics": "[default: faithful]",
-        "num_envs": "Games in parallel at most; a seed's games depend on it. [default: 128]",
+        None: (
+            *("physics", "seed", "num_envs", "threads", "plugin_files"),
+            *("episodes", "switches", "switch_episodes", "variants"),
+        )
     },
 )
-class FidelityFlags(PairingFlags):
+class FidelityFlags(Flags):
     """Flags for the games to play."""
+
+    def options(self) -> FidelityOptions:
+        """The options these flags stand for.
+
+        Raises:
+            ConfigError: a value that makes no sense.
+        """
+        given = self.given()
+        files, texts = (given.pop(key, ()) for key in ("plugin_files", "variants"))
+        variants = tuple(map(_assignments, texts))
+        return FidelityOptions(**given, plugin_files=tuple(map(str, files)), variants=variants)
 
 
 def fidelity(
     *,
     flags: FidelityFlags | None = None,
     game: Annotated[list[str] | None, Parameter(help="Only this game; repeatable [default: all].")] = None,
-    episodes: Annotated[int, Parameter(help="Games per row; 1000 give ± 3 points at 50 %.")] = 1000,
-    switches: Annotated[
-        bool, Parameter(show_default=False, help="Also play every single switch: action modes, game options.")
-    ] = False,
-    switch_episodes: Annotated[int, Parameter(help="Games per switch and per variant.")] = 300,
-    variant: Annotated[
-        list[str] | None,
-        Parameter(
-            metavar="KEY=VALUE,…",
-            help="Also play this combination of adversary_actions, victim_actions and game options, "
-            "wherever a game has them; repeatable.",
-        ),
-    ] = None,
     out: Annotated[
         Path | None,
         Parameter(help="Keep finished rows in this file, and play only those not yet in it."),
@@ -64,21 +63,17 @@ def fidelity(
     Scores are the adversary's, with Wilson 95 % intervals; differences are measured minus published,
     with Newcombe 95 % intervals. "agrees" means that 0 lies in that interval, and no more than that.
     """
-    from apil_core.evaluation.fidelity.plan import PlanRequest, plan_rows
+    from apil_core.evaluation.fidelity.plan import plan_rows
     from apil_core.evaluation.fidelity.play import missing_policy, play_rows
     from apil_core.evaluation.fidelity.rows import FidelityFile
-    from apil_core.evaluation.score import MAX_PARALLEL_GAMES
     from apil_core.plugins.discovery import discover
 
-    options = (flags or FidelityFlags()).options(PairingOptions)
-    plugins, physics = discover(options.plugin_files), options.physics
-    variants = [_assignments(text) for text in variant or ()]
-    num_envs = options.num_envs or MAX_PARALLEL_GAMES
-    request = PlanRequest(episodes, switch_episodes, switches, variants, options.seed, num_envs, physics)
+    options = (flags or FidelityFlags()).options()
+    plugins = discover(options.plugin_files)
     games = _games(plugins, game)
-    if game and physics is not None:
+    if game and options.physics is not None:
         _check_profiles(games)
-    plan = plan_rows(games, request, missing_policy(plugins))
+    plan = plan_rows(games, options, missing_policy(plugins))
     file = None if out is None else FidelityFile(out)
     with make_progress(quiet=quiet) as progress:
         rows = play_rows(plan.rows, plugins=plugins, threads=options.threads, progress=progress, file=file)

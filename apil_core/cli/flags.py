@@ -59,6 +59,8 @@ _SPELLING: dict[str, dict[str, Any]] = {
     "sets": {"name": "--set", "metavar": "KEY=VALUE"},
     "checkpoint_path": {"name": "--checkpoint"},
     "plugin_files": {"name": "--plugin"},
+    "contact_sheet": {"name": "--out"},
+    "variants": {"name": "--variant", "metavar": "KEY=VALUE,…"},
 }
 """Flag names that differ from their field's."""
 

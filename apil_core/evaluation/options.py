@@ -40,8 +40,9 @@ class OptionSet(Section):
 
 def _line(item: dict[str, Any], problem: Problem) -> str:
     key = ".".join(map(str, problem.key))
-    if item["type"] == "greater_than_equal":
-        return f"{key} must be at least {item['ctx']['ge']:g}, got {item['input']}"
+    for kind, bound, words in (("greater", "ge", "at least"), ("less", "le", "at most")):
+        if item["type"] == f"{kind}_than_equal":
+            return f"{key} must be {words} {item['ctx'][bound]:g}, got {item['input']}"
     return f"{key}: {problem.reason}" if key else problem.reason
 
 
@@ -85,6 +86,75 @@ class PairingOptions(OptionSet):
     """Run whose game, victim and settings apply to an adversary that no run trained."""
     plugins: InstanceOf[PluginRegistry] | None = None
     """Registry to use [default: installed plugins, and the one-file plugins of the runs]."""
+
+
+class RenderOptions(OptionSet):
+    """Options of a video, contact sheet or window."""
+
+    seed: Annotated[int, Field(ge=0)] = 0
+    """Seed of everything random."""
+    episodes: Annotated[int, Field(ge=1)] | None = None
+    """Games to show, or with --until to try at most [default: 1 or 100]."""
+    until: Literal["win", "tie", "loss"] | None = None
+    """Show only the first game that ends like this for the adversary."""
+    video: Path | None = None
+    """Write a video, FILE.mp4."""
+    snapshots: Annotated[int, Field(ge=1, le=50)] | None = None
+    """Write a contact sheet: so many pictures of each game."""
+    contact_sheet: Path | None = None
+    """File of the contact sheet [default: snapshots.png]."""
+    width: Annotated[int, Field(ge=1, le=4096)] | None = None
+    """Pixels of a frame [default: 960], of a snapshot [480]."""
+    height: Annotated[int, Field(ge=1, le=4096)] | None = None
+    """Pixels of a frame [default: 540], of a snapshot [320]."""
+    speed: Annotated[float, Field(ge=0.001, le=1000)] = 1.0
+    """1: real time, 0.25: slow motion."""
+    fps: Annotated[float, Field(ge=1, le=1000)] = 30.0
+    """About so many frames a second."""
+
+    @model_validator(mode="after")
+    def _file_has_pictures(self) -> Self:
+        if self.contact_sheet is not None and self.snapshots is None:
+            raise ValueError("--out names the file of --snapshots N, which is missing")
+        return self
+
+    @property
+    def sheet(self) -> Path:
+        """File of the contact sheet."""
+        return self.contact_sheet or Path("snapshots.png")
+
+    @property
+    def games(self) -> int:
+        """Number of games shown."""
+        return 1 if self.until else self.episodes or 1
+
+    def size(self, default: tuple[int, int]) -> tuple[int, int]:
+        """Width and height, pixels."""
+        return self.width or default[0], self.height or default[1]
+
+
+class FidelityOptions(OptionSet):
+    """Options for comparing games with their published scores."""
+
+    physics: Profile | None = None
+    """Physics profile to play everything in; games without profiles are skipped [default: faithful]."""
+    episodes: Annotated[int, Field(ge=1)] = 1000
+    """Games per row; 1000 give ± 3 points at 50 %."""
+    switches: bool = False
+    """Also play every single switch: action modes, game options."""
+    switch_episodes: Annotated[int, Field(ge=1)] = 300
+    """Games per switch and per variant."""
+    variants: tuple[dict[str, Any], ...] = ()
+    """Also play this combination of adversary_actions, victim_actions and game options, wherever a game has
+    them; repeatable."""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """Seed of the games and of all draws."""
+    num_envs: Annotated[int, Field(ge=1)] = 128
+    """Games in parallel at most; a seed's games depend on it."""
+    threads: Annotated[int, Field(ge=0)] = 0
+    """Physics threads; 0: all CPUs. Never changes results."""
+    plugin_files: tuple[str, ...] = ()
+    """One-file plugin to load; repeatable."""
 
 
 class EvaluationOptions(PairingOptions):

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from apil_core.api.config import RunConfig
 from apil_core.common.extras import need
-from apil_core.evaluation.options import PairingOptions
+from apil_core.evaluation.options import PairingOptions, RenderOptions
 from apil_core.evaluation.pairing import load_pairing
 from apil_core.evaluation.results import EvaluationResult
-from apil_core.evaluation.video.recording import Outcome, RenderOptions, show
+from apil_core.evaluation.video.recording import check_files, show
+from apil_core.evaluation.video.single_game import Outcome
 from apil_core.studies.bench.folder import read_score
 from apil_core.studies.curves.curves import final_scores
 from apil_core.studies.curves.groups import read_groups
@@ -119,7 +120,7 @@ class LoadedRun(PathLike[str]):
         with tempfile.TemporaryDirectory() as folder:
             video = Path(folder) / "game.mp4"
             rendering = RenderOptions(seed=pairing_options.seed, until=until, video=video, **drawn)
-            rendering.check()
+            check_files(rendering)
             with load_pairing(self, pairing_options, threads=1) as pairing:
                 show(pairing, rendering)
             return Media(video.read_bytes(), "video/mp4")

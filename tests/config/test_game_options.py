@@ -14,7 +14,8 @@ import pytest
 from apil_core import ConfigError, GameSpec, Matchup, ProfiledOptions, RunConfig
 from apil_core.config.game import overlaid, spelt_out, with_game_options
 from apil_core.config.resolve import resolve
-from apil_core.evaluation.fidelity.plan import PlanRequest, plan_rows, switches
+from apil_core.evaluation.fidelity.plan import plan_rows, switches
+from apil_core.evaluation.options import FidelityOptions
 from apil_core.plugins.discovery import PluginRegistry
 
 
@@ -147,7 +148,7 @@ def test_options_over_options(sand: PluginRegistry) -> None:
 
 
 def rows(sand: PluginRegistry, **request: Any) -> list[tuple[str, str, dict[str, Any]]]:
-    plan = plan_rows([sand.games["sand"]], PlanRequest(**request), lambda name: None)
+    plan = plan_rows([sand.games["sand"]], FidelityOptions(**request), lambda name: None)
     return [(row.kind, row.setting.partition(", ")[0], row.options) for row in plan.rows]
 
 
@@ -174,6 +175,6 @@ def test_the_profile_is_a_switch_and_null_is_none(sand: PluginRegistry) -> None:
 
 def test_games_without_profiles_are_skipped(sand: PluginRegistry) -> None:
     plain = replace(sand.games["kick-and-defend"], matchups=(Matchup("a", "v"),))
-    plan = plan_rows([plain, sand.games["sand"]], PlanRequest(physics="fast"), lambda name: None)
+    plan = plan_rows([plain, sand.games["sand"]], FidelityOptions(physics="fast"), lambda name: None)
     assert [row.env for row in plan.rows] == ["sand"]
     assert [skipped.reason for skipped in plan.skipped] == ["game kick-and-defend has no physics profiles"]

@@ -10,9 +10,10 @@ import pytest
 
 from apil_core import ConfigError, GameSpec, Matchup, PublishedScore, Section
 from apil_core.common.statistics import difference
-from apil_core.evaluation.fidelity.plan import Plan, PlanRequest, RowPlan, plan_rows, switches
+from apil_core.evaluation.fidelity.plan import Plan, RowPlan, plan_rows, switches
 from apil_core.evaluation.fidelity.play import missing_policy, play_rows, summary
 from apil_core.evaluation.fidelity.rows import FidelityFile, FidelityRow
+from apil_core.evaluation.options import FidelityOptions
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult, wilson
 from apil_core.plugins.discovery import PluginRegistry, discover
@@ -32,7 +33,7 @@ def spec(*matchups: Matchup, config: str | None = f"{__name__}:Options") -> Game
 
 
 def planned(*games: GameSpec, absent: tuple[str, ...] = (), **request: Any) -> Plan:
-    return plan_rows(games, PlanRequest(**request), lambda name: "not here" if name in absent else None)
+    return plan_rows(games, FidelityOptions(**request), lambda name: "not here" if name in absent else None)
 
 
 def row(wins: int, ties: int, games: int, published: PublishedScore | None = PUBLISHED) -> FidelityRow:
@@ -225,7 +226,7 @@ def plugins() -> PluginRegistry:
 
 @pytest.fixture
 def plans(plugins: PluginRegistry) -> list[RowPlan]:
-    request = PlanRequest(episodes=20, switches=True, switch_episodes=10)
+    request = FidelityOptions(episodes=20, switches=True, switch_episodes=10)
     return plan_rows([plugins.games["toy-pursuit"]], request, missing_policy(plugins)).rows
 
 

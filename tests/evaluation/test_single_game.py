@@ -11,9 +11,10 @@ from helpers.small_runs import small_config
 
 from apil_core import ApilError, ConfigError, run
 from apil_core.common.seeds import stream_seed
+from apil_core.evaluation.options import RenderOptions
 from apil_core.evaluation.pairing import Pairing, load_pairing
 from apil_core.evaluation.play import play
-from apil_core.evaluation.video.recording import RenderOptions, show
+from apil_core.evaluation.video.recording import show
 from apil_core.evaluation.video.single_game import Frame, SingleGames
 from apil_core.training.storage.run_dir import RunDir
 

@@ -20,6 +20,7 @@ from apil_core.api.specs import GameSpec, Matchup, PublishedScore, load
 from apil_core.common.documents import EXACT
 from apil_core.common.errors import ConfigError, suggest
 from apil_core.config.game import PHYSICS
+from apil_core.evaluation.options import FidelityOptions
 from apil_core.plugins.registry import options_model
 
 _MODE_KEYS = ("adversary_actions", "victim_actions")
@@ -85,30 +86,6 @@ class SkippedMatchup(BaseModel):
 
 
 @dataclass
-class PlanRequest:
-    """A user's request.
-
-    Attributes:
-        episodes: games per default and as-published row.
-        switch_episodes: games per switch and variant.
-        switches: play every single switch too.
-        variants: further settings, each a set of ``adversary_actions``, ``victim_actions`` and options of
-            the game; played for every game that has all of these options.
-        seed: of every row.
-        num_envs: games in parallel at most.
-        physics: profile to play everything in; games without profiles are skipped. ``None``: their default.
-    """
-
-    episodes: int = 1000
-    switch_episodes: int = 300
-    switches: bool = False
-    variants: Sequence[Mapping[str, Any]] = ()
-    seed: int = 0
-    num_envs: int = 128
-    physics: Profile | None = None
-
-
-@dataclass
 class Plan:
     """Rows to play, the defaults first, and matchups that cannot be played."""
 
@@ -116,7 +93,9 @@ class Plan:
     skipped: list[SkippedMatchup] = field(default_factory=list)
 
 
-def plan_rows(games: Iterable[GameSpec], request: PlanRequest, missing: Callable[[str], str | None]) -> Plan:
+def plan_rows(
+    games: Iterable[GameSpec], request: FidelityOptions, missing: Callable[[str], str | None]
+) -> Plan:
     """Plan the rows: defaults of all games, then as published, then switches, then variants.
 
     Args:
@@ -125,10 +104,9 @@ def plan_rows(games: Iterable[GameSpec], request: PlanRequest, missing: Callable
         missing: returns the reason why a policy cannot be played here, by its name; ``None`` if it can.
 
     Raises:
-        ConfigError: a number below 1, or a variant that fits no game or that a game's options refuse.
+        ConfigError: a variant fits no game, or a game's options refuse it.
     """
     games = list(games)
-    _check(request)
     _check_variants(request.variants, games)
     plan = Plan()
     playable: list[tuple[GameSpec, Matchup]] = []
@@ -177,7 +155,7 @@ def no_profiles(spec: GameSpec) -> str | None:
     return None if fine else f"game {spec.name} has no physics profiles"
 
 
-def _rows(kind: RowKind, spec: GameSpec, matchup: Matchup, request: PlanRequest) -> Iterator[RowPlan]:
+def _rows(kind: RowKind, spec: GameSpec, matchup: Matchup, request: FidelityOptions) -> Iterator[RowPlan]:
     model = _model(spec)
     base = _base(model, request.physics)
     changes: list[dict[str, Any]] = []
@@ -251,14 +229,6 @@ def _stored_options(model: type[BaseModel] | None, options: Mapping[str, Any]) -
 
 def _fits(variant: Mapping[str, Any], model: type[BaseModel] | None) -> bool:
     return variant.keys() - set(_MODE_KEYS) <= ({} if model is None else model.model_fields).keys()
-
-
-def _check(request: PlanRequest) -> None:
-    for name in ("episodes", "switch_episodes", "num_envs"):
-        if getattr(request, name) < 1:
-            raise ConfigError(f"{name} must be at least 1, got {getattr(request, name)}")
-    if request.seed < 0:
-        raise ConfigError(f"seed must be at least 0, got {request.seed}")
 
 
 def _check_variants(variants: Sequence[Mapping[str, Any]], games: Sequence[GameSpec]) -> None:

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from apil_core.api.profiles import FAITHFUL
 from apil_core.common.errors import ApilError, ConfigError
 from apil_core.common.files import check_place
 from apil_core.common.torch_threads import one_torch_thread
+from apil_core.evaluation.options import RenderOptions
 from apil_core.evaluation.pairing import Pairing
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import MatchSetup
 from apil_core.evaluation.video.contact_sheet import check_contact_sheet
 from apil_core.evaluation.video.mp4 import check_mp4
 from apil_core.evaluation.video.overlay import OverlayText
-from apil_core.evaluation.video.single_game import Frame, Outcome, PlayedGame, SingleGames
+from apil_core.evaluation.video.single_game import Frame, PlayedGame, SingleGames
 from apil_core.evaluation.video.viewers import (
     Camera,
     ContactSheet,
@@ -33,69 +33,19 @@ TRIES = 100
 FRAME_SIZE, SNAPSHOT_SIZE = (960, 540), (480, 320)
 """Default width and height of a video's frame and of a snapshot, pixels."""
 
-LARGEST = 4096
-"""Pixels a picture may be wide or high."""
 
-SPEEDS, RATES = (0.001, 1000.0), (1.0, 1000.0)
-"""Least and most of ``speed`` and ``fps``: the frame rate must fit into an mp4 file."""
+def check_files(options: RenderOptions) -> None:
+    """Check that the files can be written, before anything is played.
 
-
-@dataclass(frozen=True)
-class RenderOptions:
-    """Options of a video, contact sheet or window.
-
-    Attributes:
-        seed: of everything random.
-        episodes: games to show; with ``until``: to try. ``None``: 1, or :data:`TRIES`.
-        until: show only the first game that ends like this for the adversary.
-        video: mp4 file to write, or ``None``.
-        snapshots: pictures of each game in the contact sheet, or ``None``: no contact sheet.
-        contact_sheet: its file.
-        width, height: of a frame and of a snapshot, pixels.
-        speed: 1 is real time.
-        fps: desired frame rate of the video, approximate.
+    Raises:
+        ApilError: one of them cannot.
     """
-
-    seed: int = 0
-    episodes: int | None = None
-    until: Outcome | None = None
-    video: Path | None = None
-    snapshots: int | None = None
-    contact_sheet: Path = Path("snapshots.png")
-    width: int | None = None
-    height: int | None = None
-    speed: float = 1.0
-    fps: float = 30.0
-
-    @property
-    def games(self) -> int:
-        """Number of games shown."""
-        return 1 if self.until else self.episodes or 1
-
-    def size(self, default: tuple[int, int]) -> tuple[int, int]:
-        """Width and height, pixels."""
-        return self.width or default[0], self.height or default[1]
-
-    def check(self) -> None:
-        """Check numbers, sizes and files before anything is played.
-
-        Raises:
-            ApilError: one of them is unsuitable.
-        """
-        if self.episodes is not None and self.episodes < 1:
-            raise ConfigError(f"--episodes must be at least 1, got {self.episodes}")
-        for name, value, bounds in (("--speed", self.speed, SPEEDS), ("--fps", self.fps, RATES)):
-            if not bounds[0] <= value <= bounds[1]:
-                raise ConfigError(f"{name} takes {bounds[0]:g} to {bounds[1]:g}, got {value:g}")
-        for name, pixels in (("--width", self.width), ("--height", self.height)):
-            if pixels is not None and not 1 <= pixels <= LARGEST:
-                raise ConfigError(f"{name} takes 1 to {LARGEST}, got {pixels}")
-        if self.video is not None:
-            check_mp4(self.video, *self.size(FRAME_SIZE))
-            _check_free(self.video)
-        if self.snapshots is not None:
-            check_contact_sheet(self.contact_sheet, self.snapshots, self.games, self.size(SNAPSHOT_SIZE))
-            _check_free(self.contact_sheet)
+    if options.video is not None:
+        check_mp4(options.video, *options.size(FRAME_SIZE))
+        _check_free(options.video)
+    if options.snapshots is not None:
+        check_contact_sheet(options.sheet, options.snapshots, options.games, options.size(SNAPSHOT_SIZE))
+        _check_free(options.sheet)
 
 
 class PlayResult(MatchSetup):
@@ -114,7 +64,7 @@ def show(pairing: Pairing, options: RenderOptions, progress: Progress | None = N
 
     Args:
         pairing: made with ``num_envs=1``.
-        options: checked by the caller.
+        options: its files were checked by the caller.
         progress: gets a note of every game shown, and of those played before one had the wanted outcome.
 
     Raises:
@@ -146,7 +96,7 @@ def show(pairing: Pairing, options: RenderOptions, progress: Progress | None = N
         losses=text.score["loss"],
         games=games,
         video=options.video,
-        snapshots=options.contact_sheet if options.snapshots is not None else None,
+        snapshots=options.sheet if options.snapshots is not None else None,
     )
 
 
@@ -205,7 +155,7 @@ def _viewers(pairing: Pairing, options: RenderOptions, text: OverlayText) -> lis
     viewers: list[Viewer] = []
     if options.snapshots is not None:
         camera = Camera(game, side, options.size(SNAPSHOT_SIZE))
-        viewers.append(ContactSheet(options.contact_sheet, camera, text, options.snapshots))
+        viewers.append(ContactSheet(options.sheet, camera, text, options.snapshots))
     if options.video is not None:
         camera, pace = Camera(game, side, options.size(FRAME_SIZE)), (options.speed, options.fps)
         viewers.append(VideoRecorder(options.video, camera, text, game.seconds_per_step, *pace))

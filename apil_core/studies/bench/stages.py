@@ -119,8 +119,9 @@ def _shared(status: JobStatus, game: str, threads: int, physics: Profile | None)
 
 def take_snapshots(status: JobStatus, cell: Cell, progress: Progress) -> None:
     """Save a contact sheet of a game the cell's adversary wins; of its first game if it wins none."""
+    from apil_core.evaluation.options import RenderOptions
     from apil_core.evaluation.pairing import load_pairing
-    from apil_core.evaluation.video.recording import RenderOptions, show
+    from apil_core.evaluation.video.recording import check_files, show
 
     path = status.bench.snapshot_path(cell.name)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -138,7 +139,7 @@ def take_snapshots(status: JobStatus, cell: Cell, progress: Progress) -> None:
             width=240,
             height=160,
         )
-        options.check()
+        check_files(options)
         show(pairing, options, progress)
 
 
