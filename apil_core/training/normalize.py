@@ -59,13 +59,12 @@ class RunningMoments(nn.Module):
         self.count.fill_(total)
 
     def _update_column(self, values: Tensor) -> None:
-        """:meth:`update` in Python floats, with the same result bit for bit.
+        """:meth:`update` in Python floats.
 
         Every step has several of these, and a tensor of one element costs as much as a long one.
         """
         count = len(values)
-        mean = float(values.sum()) / count
-        var = float((values - mean).square_().sum()) / count
+        var, mean = map(float, torch.var_mean(values, correction=0))
         before = float(self.count)
         total = before + count
         if before:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import torch
 from rsl_rl.models import MLPModel
+from rsl_rl.modules.distribution import GaussianDistribution
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 from torch import Tensor
@@ -15,7 +17,9 @@ from apil_core.api.types import PRIVILEGED_GROUP
 from apil_core.training.rollout_buffer import RolloutBuffer
 
 LATENT = "latent"
-"""Name of the concatenation of all observation groups in the storage."""
+"""Name of the concatenation of the actor's observation groups in the storage."""
+_ALL = "latent and privileged"
+"""Name of what critics read in the storage: :data:`LATENT` is the view of its first columns."""
 
 
 class LatentModel(MLPModel):
@@ -28,10 +32,53 @@ class LatentModel(MLPModel):
         """The network's input, (..., k)."""
         # a method may name a group "latent": the joined tensor has no first group
         if self.obs_groups[0] not in obs.keys():  # noqa: SIM118  (a TensorDict refuses `in`)
-            groups = [LATENT, *(name for name in self.obs_groups if name == PRIVILEGED_GROUP)]
-        else:
-            groups = self.obs_groups
-        return torch.cat([obs[name] for name in groups], dim=-1) if len(groups) > 1 else obs[groups[0]]
+            return obs[_ALL if PRIVILEGED_GROUP in self.obs_groups else LATENT]
+        groups = [obs[name] for name in self.obs_groups]
+        return torch.cat(groups, dim=-1) if len(groups) > 1 else groups[0]
+
+    def forward(
+        self,
+        obs: TensorDict,
+        masks: None = None,
+        hidden_state: None = None,
+        stochastic_output: bool = False,
+    ) -> Tensor:
+        """Mean actions or values, (m, a); draws no sample, which PPO's update would not read."""
+        output: Tensor = self.mlp(self.get_latent(obs))
+        if stochastic_output:
+            self.distribution.update(output)
+        return output
+
+
+class Gaussian(GaussianDistribution):
+    """rsl_rl's, for one standard deviation of all rows: its logarithm is not computed for each row."""
+
+    def update(self, mlp_output: Tensor) -> None:
+        """Set the means, (m, a)."""
+        self._mean = mlp_output
+        self._log_std = self.log_std_param.clamp(*self.log_std_range)
+
+    @property
+    def mean(self) -> Tensor:
+        """(m, a)."""
+        return self._mean
+
+    @property
+    def std(self) -> Tensor:
+        """(m, a)."""
+        return self._log_std.exp().expand_as(self._mean)
+
+    @property
+    def entropy(self) -> Tensor:
+        """(m,), in nats."""
+        each = self._log_std + 0.5 * (1 + math.log(2 * math.pi))
+        return each.sum().expand(len(self._mean))
+
+    def log_prob(self, outputs: Tensor) -> Tensor:
+        """Log density of ``outputs`` (m, a), (m,)."""
+        z = (outputs - self._mean) * (-self._log_std).exp()
+        constant = self._log_std.sum() + 0.5 * math.log(2 * math.pi) * self.output_dim
+        return -0.5 * z.square().sum(-1) - constant
 
 
 class PPOStorage(RolloutStorage):
@@ -53,13 +100,15 @@ class PPOStorage(RolloutStorage):
     """
 
     def __init__(self, example: TensorDict, rollout: RolloutBuffer, action_size: int, device: torch.device):
-        joined = torch.cat(_groups(example), dim=-1)
-        observations = TensorDict({LATENT: joined}, batch_size=example.batch_size, device=device)
-        if PRIVILEGED_GROUP in example.keys():  # noqa: SIM118
-            observations[PRIVILEGED_GROUP] = example[PRIVILEGED_GROUP]
-        steps = rollout.num_steps
-        super().__init__("rl", len(joined), steps, observations, [action_size], device=str(device))
-        row = torch.zeros(len(joined), device=device)
+        self._width = sum(example[name].shape[-1] for name in example.keys() if name != PRIVILEGED_GROUP)  # noqa: SIM118
+        games, steps = len(example), rollout.num_steps
+        none = TensorDict(
+            {}, batch_size=[games]
+        )  # the joined ones, of which rsl_rl knows nothing, replace them
+        super().__init__("rl", games, steps, none, [action_size], device=str(device))
+        self._latents = torch.zeros(steps, *_joined(example).shape, device=device)
+        self.observations: TensorDict = self._views(self._latents)
+        row = torch.zeros(games, device=device)
         self.actions: Tensor = rollout.column("action", row.unsqueeze(-1).repeat(1, action_size))
         self.rewards: Tensor = rollout.column("shaped_reward", row).unsqueeze(-1)
         self.dones: Tensor = rollout.column("done", row.bool()).unsqueeze(-1)
@@ -67,16 +116,10 @@ class PPOStorage(RolloutStorage):
         self.goes_on: Callable[[], bool] = lambda: True
         self.passes = 0
         self.states: tuple[tuple[Tensor, Tensor], ...] = ()
-        self._latents: Tensor = self.observations[LATENT]
-        self._privileged: Tensor | None = self.observations.get(PRIVILEGED_GROUP)
 
     def next_latent(self, observations: TensorDict) -> Tensor:
         """Store the observation groups of a step; returns the actor's concatenated, (n, k)."""
-        latent = self._latents[self.step]
-        if self._privileged is not None:
-            self._privileged[self.step].copy_(observations[PRIVILEGED_GROUP])
-        torch.cat(_groups(observations), dim=-1, out=latent)
-        return latent
+        return _joined(observations, out=self._latents[self.step])[..., : self._width]
 
     def keep_mean(self, mean: Tensor) -> None:
         """Store the mean of the action's distribution, (n, a), and advance to the next step."""
@@ -101,7 +144,7 @@ class PPOStorage(RolloutStorage):
         for _ in self._passes(num_epochs):
             for start in range(0, len(order), size):
                 part = slice(start, start + size)
-                yield RolloutStorage.Batch(**{name: column[part] for name, column in shuffled.items()})
+                yield self._batch({name: column[part] for name, column in shuffled.items()})
 
     def recurrent_mini_batch_generator(
         self, num_mini_batches: int, num_epochs: int = 8
@@ -119,11 +162,20 @@ class PPOStorage(RolloutStorage):
             batches.append((columns, self.dones[:, games, 0].bool(), states))
         for _ in self._passes(num_epochs):
             for columns, ends, states in batches:
-                yield RolloutStorage.Batch(**columns, masks=ends, hidden_states=states)
+                yield self._batch(columns, masks=ends, hidden_states=states)
 
-    def _columns(self) -> dict[str, Any]:
+    def _batch(self, columns: dict[str, Tensor], **others: Any) -> RolloutStorage.Batch:
+        observations = self._views(columns["observations"])
+        return RolloutStorage.Batch(**{**columns, "observations": observations}, **others)
+
+    def _views(self, joined: Tensor) -> TensorDict:
+        """What actor and critics read of all columns, (..., k)."""
+        views = {_ALL: joined, LATENT: joined[..., : self._width]}
+        return TensorDict(views, batch_size=joined.shape[:-1])
+
+    def _columns(self) -> dict[str, Tensor]:
         return {
-            "observations": self.observations,
+            "observations": self._latents,
             "actions": self.actions,
             "values": self.values,
             "advantages": self.advantages,
@@ -139,6 +191,7 @@ class PPOStorage(RolloutStorage):
             yield number
 
 
-def _groups(observations: TensorDict) -> list[Tensor]:
-    """The actor's groups; iterating over a TensorDict itself goes over games."""
-    return [observations[name] for name in observations.keys() if name != PRIVILEGED_GROUP]  # noqa: SIM118
+def _joined(observations: TensorDict, out: Tensor | None = None) -> Tensor:
+    """All groups side by side, (n, k), the critics' own last; iterating over a TensorDict goes over games."""
+    names = sorted(observations.keys(), key=lambda name: name == PRIVILEGED_GROUP)
+    return torch.cat([observations[name] for name in names], dim=-1, out=out)

@@ -20,7 +20,7 @@ from apil_core.runs.score import score_in_training
 from apil_core.training.attack_env import AttackEnv
 from apil_core.training.build import build
 from apil_core.training.ppo import Actor, Learner
-from apil_core.training.ppo_storage import LATENT, PPOStorage
+from apil_core.training.ppo_storage import LATENT, Gaussian, PPOStorage
 from apil_core.training.rollout_buffer import RolloutBuffer
 from apil_core.training.storage import checkpoint
 from apil_core.training.trainer import Trainer
@@ -128,6 +128,31 @@ def test_minibatches_are_rsl_rls_but_for_the_copying():
         for name in ("actions", "values", "advantages", "returns", "old_actions_log_prob"):
             assert torch.equal(getattr(mine, name), getattr(other, name)), name
         assert torch.equal(mine.observations[LATENT], other.observations[LATENT])
+
+
+def test_the_updates_densities_are_torchs():
+    gaussian = Gaussian(3, init_std=0.5, std_type="log")
+    means, actions = torch.randn(4, 3), torch.randn(4, 3)
+    gaussian.log_std_param.data += torch.tensor([0.0, 1.0, -1.0])
+    gaussian.update(means)
+    expected = torch.distributions.Normal(means, gaussian.log_std_param.exp().expand(4, 3))
+    torch.testing.assert_close(gaussian.log_prob(actions), expected.log_prob(actions).sum(-1))
+    torch.testing.assert_close(gaussian.entropy, expected.entropy().sum(-1))
+    torch.testing.assert_close(gaussian.params, (expected.mean, expected.stddev))
+
+
+def test_a_checkpoint_of_the_slower_adam_goes_on_with_the_fused_one():
+    learner, example = small_learner()
+    roll(learner, example)
+    learner.update(learner.advantages(example, {})["reward"], as_given=False, learning_rate=1e-3)
+    state = copy.deepcopy(learner.state_dict())
+    (group,) = state["ppo"]["optimizer_state_dict"]["param_groups"]
+    group["fused"] = None
+    learner, _ = small_learner()
+    learner.load_state_dict(state)
+    assert learner.ppo.optimizer.param_groups[0]["fused"]
+    saved, loaded = state["ppo"]["optimizer_state_dict"]["state"], learner.ppo.optimizer.state_dict()["state"]
+    assert all(torch.equal(saved[i][key], loaded[i][key]) for i in saved for key in saved[i])
 
 
 def test_the_rollout_keeps_what_the_networks_said_in_each_step():

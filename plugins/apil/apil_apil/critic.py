@@ -26,7 +26,7 @@ class Critic(nn.Module):
         self.config = config
         self.body = mlp((state_size, *config.hidden, 1))
         self.optimizer = torch.optim.Adam(
-            self.body.parameters(), config.value_learning_rate, eps=ADAM_EPSILON
+            self.body.parameters(), config.value_learning_rate, eps=ADAM_EPSILON, fused=True
         )
         self._targets: Tensor | None = None
 

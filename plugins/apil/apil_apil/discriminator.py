@@ -44,7 +44,7 @@ class Discriminator(nn.Module):
         self.head = nn.Sequential(*layers)
         _initialise([self.state, *(m for m in self.head if isinstance(m, nn.Linear))])
         nn.init.orthogonal_(self.action.weight, gain=math.sqrt(2))
-        self.optimizer = torch.optim.Adam(self.parameters(), config.learning_rate)
+        self.optimizer = torch.optim.Adam(self.parameters(), config.learning_rate, fused=True)
 
     def logits(self, state: Tensor, *actions: Tensor) -> list[Tensor]:
         """Logit of D for each of ``actions`` (…, a) in ``state`` (…, s), each (…,)."""

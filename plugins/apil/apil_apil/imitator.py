@@ -75,7 +75,9 @@ class Imitator(nn.Module):
         self.policy = GaussianActor(state_size, action_size, config.hidden, config.init_std)
         self.critic = Critic(state_size, config)
         self.scale: ReturnNormalizer | None = None
-        self.optimizer = torch.optim.Adam(self.policy.parameters(), config.learning_rate, eps=ADAM_EPSILON)
+        self.optimizer = torch.optim.Adam(
+            self.policy.parameters(), config.learning_rate, eps=ADAM_EPSILON, fused=True
+        )
         self.stream_critics: dict[str, Critic] = {}  # any name will do
 
     def forward(self, states: Tensor) -> DiagonalGaussian:
