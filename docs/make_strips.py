@@ -1,6 +1,6 @@
-"""Makes the contact sheets in ``docs/images/``: one game between pretrained agents each.
+"""Makes the contact sheets in ``docs/images/``: one game each of pretrained agents or of a shipped adversary.
 
-    python docs/make_strips.py [GAME ...]
+    python docs/make_strips.py [PICTURE ...]
 
 Needs the zoo's weights (docs/victims.md) and OpenGL (docs/watching.md).
 """
@@ -17,43 +17,50 @@ from apil_core.evaluation.options import RenderOptions
 from apil_core.evaluation.pairing import load_pairing
 from apil_core.evaluation.video.recording import show
 from apil_core.evaluation.video.single_game import Outcome
+from apil_core.training.export.embedded import known
 
 HERE = Path(__file__).parent
 WIDTH, PANEL = 1600, (480, 320)
 
-GAMES: dict[str, tuple[str, Outcome, int]] = {
-    "kick-and-defend": ("zoo:kick-and-defend/defender/v1", "win", 0),
-    "you-shall-not-pass": ("zoo:you-shall-not-pass/blocker/v1", "win", 0),
-    "sumo-humans": ("zoo:sumo-humans/fighter/v1", "loss", 0),
-    "sumo-ants": ("zoo:sumo-ants/fighter/v1", "win", 0),
-    "run-to-goal-humans": ("zoo:run-to-goal-humans/runner_1/v1", "win", 0),
-    "run-to-goal-ants": ("zoo:run-to-goal-ants/runner_1/v1", "win", 0),
-    "toy-pursuit": ("zero", "loss", 0),
+PICTURES: dict[str, tuple[str, Outcome, int]] = {
+    "strip-kick-and-defend": ("zoo:kick-and-defend/defender/v1", "win", 0),
+    "strip-you-shall-not-pass": ("zoo:you-shall-not-pass/blocker/v1", "win", 0),
+    "strip-sumo-humans": ("zoo:sumo-humans/fighter/v1", "loss", 0),
+    "strip-sumo-ants": ("zoo:sumo-ants/fighter/v1", "win", 0),
+    "strip-run-to-goal-humans": ("zoo:run-to-goal-humans/runner_1/v1", "win", 0),
+    "strip-run-to-goal-ants": ("zoo:run-to-goal-ants/runner_1/v1", "win", 0),
+    "strip-toy-pursuit": ("zero", "loss", 0),
+    **{
+        f"win-{name.partition('/')[0]}": (f"embedded:{name}", "win", 0)
+        for name in known()
+        if "/adversary/" in name
+    },
 }
-"""Adversary, the outcome to show, and the seed."""
+"""Adversary, the outcome to show, and the seed, by the picture's name, which ends with the game's."""
 
 
-def make(game: str) -> None:
-    adversary, outcome, seed = GAMES[game]
+def make(picture: str) -> None:
+    adversary, outcome, seed = PICTURES[picture]
+    game = picture.partition("-")[2]
     with tempfile.TemporaryDirectory() as folder:
         sheet = Path(folder) / "sheet.png"
         size = dict(zip(("width", "height"), PANEL, strict=True))
         options = RenderOptions(seed=seed, until=outcome, snapshots=5, contact_sheet=sheet, **size)
         with load_pairing(adversary, num_envs=1, env=game) as pairing:
             (played,) = show(pairing, options).games
-        picture = Image.open(sheet).convert("RGB")
-    picture = picture.resize((WIDTH, round(picture.height * WIDTH / picture.width)), Image.Resampling.LANCZOS)
-    path = HERE / "images" / f"strip-{game}.png"
-    picture.quantize(256, dither=Image.Dither.FLOYDSTEINBERG).save(path, optimize=True)
+        image = Image.open(sheet).convert("RGB")
+    image = image.resize((WIDTH, round(image.height * WIDTH / image.width)), Image.Resampling.LANCZOS)
+    path = HERE / "images" / f"{picture}.png"
+    image.quantize(256, dither=Image.Dither.FLOYDSTEINBERG).save(path, optimize=True)
     size = path.stat().st_size // 1000
     print(f"{path.name}: game {played.number}, {played.outcome}, {played.cause}, {size} kB", flush=True)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("games", nargs="*", metavar="GAME", help=", ".join(GAMES))
-    for game in parser.parse_args().games or GAMES:
-        make(game)
+    parser.add_argument("pictures", nargs="*", metavar="PICTURE", help=", ".join(PICTURES))
+    for picture in parser.parse_args().pictures or PICTURES:
+        make(picture)
 
 
 if __name__ == "__main__":

@@ -22,10 +22,10 @@ from apil_core.config.game import spelt_out
 from apil_core.evaluation.fidelity.rows import FidelityRow, read_rows
 from apil_core.evaluation.results import wilson
 from apil_core.plugins.registry import default_plugins
-from apil_core.policies.embedded import folder
 from apil_core.policies.student import load_file, save_policy
 from apil_core.runs.distillation.config import DistillConfig
 from apil_core.runs.distillation.report import Report
+from apil_core.training.export.embedded import folder
 
 HERE = Path(__file__).parent
 PAGE = HERE / "victims.md"

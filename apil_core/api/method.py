@@ -73,6 +73,11 @@ class RunPlugin:
         if state:
             raise ValueError(f"{type(self).__name__} has no state to load, got {sorted(state)}")
 
+    def acting_state_dict(self) -> dict[str, Any]:
+        """The state that acting needs, without optimisers and the like: what ``apil export`` writes to a
+        safetensors file. :meth:`load_state_dict` reads it, too. Default: all of :meth:`state_dict`."""
+        return self.state_dict()
+
 
 class Method(RunPlugin):
     """Base of every attack method.

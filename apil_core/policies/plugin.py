@@ -10,19 +10,13 @@ APIL_HOOK_API = 2
 
 @hookimpl
 def register_policies() -> list[PolicySpec]:
-    """Register ``zoo:`` and ``embedded:<game>/<side>/<version>`` and ``baseline:<kind>/OxA``."""
+    """Register ``zoo:<game>/<side>/<version>``, ``baseline:<kind>/OxA`` and ``object:``."""
     return [
         PolicySpec(
             scheme="zoo",
             loader="apil_core.policies.zoo:load",
             lister="apil_core.policies.zoo:list_zoo",
             summary="pretrained agents of Bansal et al. 2018, converted on this machine",
-        ),
-        PolicySpec(
-            scheme="embedded",
-            loader="apil_core.policies.embedded:load",
-            lister="apil_core.policies.embedded:list_embedded",
-            summary="students of those, distilled by us and shipped with APIL",
         ),
         PolicySpec(
             scheme="baseline",

@@ -7,16 +7,17 @@ from pathlib import Path
 import pytest
 import torch
 
-from apil_core import UnknownNameError, VictimError, View, load_policy
+from apil_core import UnknownNameError, VictimError, View, load_policy, make_game
 from apil_core.api.config import RunConfig
 from apil_core.config.resolve import complete
 from apil_core.plugins.default_victim import default_victim, is_here
 from apil_core.plugins.discovery import discover
-from apil_core.policies import embedded
 from apil_core.policies import zoo_catalogue as catalogue
 from apil_core.policies.loading import victim_name
 from apil_core.policies.zoo_cache import cached_file
+from apil_core.training.export import embedded
 
+ROOT = Path(__file__).parents[2]
 STUDENTS = (
     "kick-and-defend/kicker/v1",
     "kick-and-defend/defender/v1",
@@ -58,7 +59,37 @@ def test_all_are_listed_as_being_here() -> None:
     for row in rows.values():
         assert row.available
         assert len(row.sha256) == 64
-        assert row.provenance.startswith("student of zoo:")
+        assert row.provenance.startswith("student of zoo:") or "/adversary/" in row.name
+
+
+@pytest.mark.parametrize(
+    "game", sorted(name.split("/")[0] for name in embedded.known() if "/adversary/" in name)
+)
+def test_an_adversary_acts_as_its_run_and_says_where_it_is_from(game: str) -> None:
+    """The run is at home as ONNX, which the embedded file must equal; both carry the checkpoint's hash."""
+    name = f"{game}/adversary/v1"
+    assert embedded.known()[name].stat().st_size <= 300_000
+    game_ = make_game(game, num_envs=4)
+    victim, seat = game_.layout.sides
+    policy = load_policy(f"embedded:{name}", seat=seat)
+    told = policy.info.provenance
+    row = next(row for row in embedded.list_embedded() if row.name == f"embedded:{name}")
+    assert row.sha256 == policy.info.sha256
+    assert (
+        row.provenance == f"{told['method']} against {told['victim']}, {told['steps']} steps; {told['score']}"
+    )
+    assert {"checkpoint_sha256", "seed", "physics", "licence"} <= told.keys()
+    pytest.importorskip("onnxruntime")
+    home = ROOT / "docs" / "results" / "campaign" / game / told["method"] / f"s{told['seed']}"
+    run = load_policy(f"onnx:{home / 'adversary.onnx'}", seat=seat)
+    assert run.info.provenance["checkpoint_sha256"] == told["checkpoint_sha256"]
+    random = torch.Generator().manual_seed(0)
+    own, theirs = (torch.randn(4, side.observation_size, generator=random) for side in (seat, victim))
+    actions = [
+        each.act(View(own, theirs, torch.ones(4, dtype=torch.bool)), sample=False).action
+        for each in (policy, run)
+    ]
+    torch.testing.assert_close(*actions, rtol=0, atol=1e-5)
 
 
 def test_a_damaged_one_stops_no_list_and_is_named_when_loaded(
@@ -69,7 +100,7 @@ def test_a_damaged_one_stops_no_list_and_is_named_when_loaded(
     (tmp_path / "game" / "role" / "v1.safetensors").write_bytes(b"torn")
     (row,) = embedded.list_embedded()
     assert (row.name, row.available, row.sha256) == ("embedded:game/role/v1", True, "")
-    with pytest.raises(VictimError, match=r"embedded:game/role/v1: .*v1\.safetensors is no safetensors file"):
+    with pytest.raises(VictimError, match="embedded:game/role/v1: expected a safetensors file"):
         load_policy(row.name)
 
 

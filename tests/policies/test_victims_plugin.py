@@ -32,7 +32,7 @@ def test_neither_torch_nor_mujoco(code: str) -> None:
 
 def test_specs_resolve() -> None:
     specs = {spec.scheme: spec for spec in plugin.register_policies()}
-    assert set(specs) == {"zoo", "embedded", "baseline", "object"}
+    assert set(specs) == {"zoo", "baseline", "object"}
     for spec in specs.values():
         assert callable(load(spec.loader))
         assert spec.summary

@@ -128,6 +128,13 @@ def test_scores_are_the_runs(runs: Path, exported: Exports, name: str, format: A
     assert found.adversary.sha256 == result.sha256
 
 
+def test_a_safetensors_file_holds_what_acting_needs_alone(exported: Exports) -> None:
+    with safe_open(exported("e_apil", "safetensors").file, framework="pt") as file:
+        names = set(file.keys())
+    assert any("acting.policy" in name for name in names), "the imitator"
+    assert not [name for name in names if "optimizer" in name or "critic" in name or "discriminator" in name]
+
+
 def test_an_oracle_in_the_victims_seat_is_told(exported: Exports) -> None:
     result = exported("oracle", "onnx")
     with pytest.raises(VictimError, match="reads its opponent's action, so it must act second"):

@@ -19,6 +19,7 @@ import torch
 
 from apil_core.api.config import RunConfig
 from apil_core.api.game import Game
+from apil_core.api.method import RunPlugin
 from apil_core.api.policy import Policy
 from apil_core.api.types import View
 from apil_core.common.errors import ApilError, ConfigError
@@ -102,8 +103,14 @@ def export(
     return write(source, format, out, plugins_with([*source.run_dir.config().plugins, *plugin_files]))
 
 
-def write(source: RunCheckpoint, format: Format, out: Path, plugins: PluginRegistry) -> Exported:
-    """:func:`export` of a checkpoint with these plugins; replaces ``out``.
+def write(
+    source: RunCheckpoint,
+    format: Format,
+    out: Path,
+    plugins: PluginRegistry,
+    provenance: Mapping[str, str] = {},
+) -> Exported:
+    """:func:`export` of a checkpoint with these plugins; replaces ``out``. ``provenance`` is stored, too.
 
     Raises:
         ApilError: as :func:`export`.
@@ -113,7 +120,9 @@ def write(source: RunCheckpoint, format: Format, out: Path, plugins: PluginRegis
     config = completed(source.run_dir.config().model_copy(update={"device": "cpu"}), plugins)
     game = make_game(config.env, num_envs=_GAMES, threads=1, options=config.game, plugins=plugins)
     try:
-        return _Export(source, config, plugins, game).write(format, out)
+        export = _Export(source, config, plugins, game)
+        export.provenance |= provenance
+        return export.write(format, out)
     finally:
         game.close()
 
@@ -139,6 +148,7 @@ class _Export:
             "checkpoint": source.path.name,
             "checkpoint_sha256": self.policy.info.sha256,
             "steps": str(self.steps),
+            "seed": str(config.seed),
             "method": config.method,
             "game": config.env,
             "side": self.seat.name,
@@ -152,6 +162,13 @@ class _Export:
         reads: tuple[str, ...] = ()
         if format == "safetensors":
             state = checkpoint.read(self.source.path)
+            with self.policy.hooks.attribution():
+                acting = {
+                    name: plugin.acting_state_dict()
+                    for name, plugin in self.policy.hooks.of(RunPlugin).items()
+                }
+            for kind in ("methods", "observers"):
+                state[kind] = {name: acting.get(name, full) for name, full in state.get(kind, {}).items()}
             content = to_bytes(state, self.config, self.layout, self.side, self.provenance)
         else:
             traced = trace(self.policy, self.seat, self.views[0], self.provenance)

@@ -19,7 +19,15 @@ def load(name: str, *, seat: SideLayout | None, plugins: PluginRegistry, device:
     Raises:
         VictimError: there is no such file, it is damaged, or of neither kind.
     """
-    origin = Origin.of("safetensors", name)
+    return read(Origin.of("safetensors", name), seat=seat, plugins=plugins, device=device)
+
+
+def read(origin: Origin, *, seat: SideLayout | None, plugins: PluginRegistry, device: str) -> Policy:
+    """:func:`load` of a file that is known by another name.
+
+    Raises:
+        VictimError: it is damaged, or of neither kind.
+    """
     try:
         with safe_open(origin.path, framework="pt") as file:
             found = (file.metadata() or {}).get("format", "none")

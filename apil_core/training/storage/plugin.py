@@ -1,4 +1,4 @@
-"""Recorders, and adversaries in run directories and exported files; imports neither torch nor mujoco."""
+"""Recorders, and policies from runs, exported files and the package; imports neither torch nor mujoco."""
 
 from __future__ import annotations
 
@@ -27,8 +27,16 @@ def register_recorders() -> list[RecorderSpec]:
 
 @hookimpl
 def register_policies() -> list[PolicySpec]:
-    """Offer ``run:DIR`` and ``safetensors:FILE``."""
+    """Offer ``embedded:<game>/<role>/<version>``, ``run:DIR`` and ``safetensors:FILE``."""
     return [
+        PolicySpec(
+            "embedded",
+            "apil_core.training.export.embedded:load",
+            lister="apil_core.training.export.embedded:list_embedded",
+            summary="shipped with APIL: students of the zoo's agents, and adversaries trained against them",
+            seat=True,
+            plugins=True,
+        ),
         PolicySpec(
             "run",
             "apil_core.training.export.run_policy:load",

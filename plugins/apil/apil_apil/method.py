@@ -291,8 +291,23 @@ class Apil(Method):
             "action_scale": self.action_scale.state_dict(),
         }
 
+    def acting_state_dict(self) -> dict[str, Any]:
+        """See :meth:`apil_core.Method.acting_state_dict`."""
+        return {"acting": {name: module.state_dict() for name, module in self._acting().items()}}
+
+    def _acting(self) -> dict[str, torch.nn.Module]:
+        return {
+            "policy": self.imitator.policy,
+            "normalizer": self.normalizer,
+            "action_scale": self.action_scale,
+        }
+
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """See :meth:`apil_core.Method.load_state_dict`."""
+        if "acting" in state:
+            for name, module in self._acting().items():
+                module.load_state_dict(state["acting"][name])
+            return
         self.imitator.load_training_state(state["imitator"])
         self.discriminator.load_state_dict(state["discriminator"])
         self.discriminator.optimizer.load_state_dict(state["discriminator_optimizer"])
