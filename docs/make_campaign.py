@@ -160,6 +160,7 @@ def play_missing(words: list[str]) -> None:
                 name,
                 result.model_copy(update={"adversary": who, "trained_steps": cell.steps or None}),
             )
+            write_page(cells())
             print(f"{cell.path.relative_to(HERE)}, {name}: {percent(result.win_rate)}", flush=True)
 
 
@@ -240,6 +241,12 @@ def tables(found: list[Cell]) -> list[str]:
     ]
 
 
+def write_page(found: list[Cell]) -> None:
+    before, _, after = PAGE.read_text().partition(BEGIN)
+    made = "\n".join([BEGIN, "", *tables(found), "", END])
+    PAGE.write_text(f"{before}{made}{after.partition(END)[2]}")
+
+
 def draw(found: list[Cell]) -> None:
     """Learning curves of the longest run of each attack: wins, ties, and the imitator's error."""
     longest: dict[tuple[str, str], Cell] = {}
@@ -263,10 +270,8 @@ def main(arguments: list[str]) -> None:
         play_missing(rest)
     for name in rest if verb in ("home", "ship") else ():
         {"home": home, "ship": ship}[verb](Path(name))
-    before, _, after = PAGE.read_text().partition(BEGIN)
     found = cells()
-    made = "\n".join([BEGIN, "", *tables(found), "", END])
-    PAGE.write_text(f"{before}{made}{after.partition(END)[2]}")
+    write_page(found)
     draw(found)
 
 

@@ -69,8 +69,9 @@ def test_an_adversary_acts_as_its_run_and_says_where_it_is_from(game: str) -> No
     """The run is at home as ONNX, which the embedded file must equal; both carry the checkpoint's hash."""
     name = f"{game}/adversary/v1"
     assert embedded.known()[name].stat().st_size <= 300_000
-    game_ = make_game(game, num_envs=4)
-    victim, seat = game_.layout.sides
+    layout = make_game(game, num_envs=1).layout
+    attacked = discover().game(game).victim_side
+    victim, seat = layout.sides[attacked], layout.sides[1 - attacked]
     policy = load_policy(f"embedded:{name}", seat=seat)
     told = policy.info.provenance
     row = next(row for row in embedded.list_embedded() if row.name == f"embedded:{name}")
