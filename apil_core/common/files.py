@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, BinaryIO
@@ -138,6 +138,16 @@ def refuse_taken(directory: Path | str | None) -> None:
             f"--out {directory} exists and is not empty: nothing was changed; "
             f"choose another, or continue it with: apil resume {directory}"
         )
+
+
+def locked_for(path: Path, command: str) -> AbstractContextManager[None]:
+    """Hold a lock beside a file that ``command`` writes results to.
+
+    Raises:
+        ConfigError: another process holds it.
+    """
+    lock = path.with_name(f".{path.name}.lock")
+    return locked(lock, f"{path}: another {command} is writing to it", ConfigError)
 
 
 @contextmanager

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from apil_core.common.errors import ConfigError
+from apil_core.common.files import check_place, locked_for
+from apil_core.evaluation.crossplay import file
 from apil_core.evaluation.crossplay.document import CrossPlay
-from apil_core.evaluation.crossplay.file import CrossPlayFile
 from apil_core.evaluation.crossplay.players import Participants, check_unchanged, load_all
 from apil_core.evaluation.options import PairingOptions
 from apil_core.evaluation.progress import PartOfAll, Progress
@@ -53,12 +54,14 @@ def crossplay(
         raise ConfigError(f"episodes must be at least 1, got {episodes}")
     asked = PairingOptions.of(options, **changes)
     asked = PairingOptions.of(asked, num_envs=asked.num_envs or min(episodes, MAX_PARALLEL_GAMES))
-    file = None if out is None else CrossPlayFile(out)
+    if out is not None:
+        check_place(out)
+        file.read(out)  # no document is refused before all players are loaded
     participants = load_all(adversaries, victims, asked)
-    with nullcontext() if file is None else file.lock():
+    with nullcontext() if out is None else locked_for(out, "apil crossplay"):
         document = _blank(participants, command)
-        if file is not None:
-            file.resume_from(document, participants.setting, episodes)
+        if out is not None:
+            file.resume_from(out, document, participants.setting, episodes)
         rest = [(i, j) for i, row in enumerate(document.scores) for j, score in enumerate(row) if not score]
         progress = progress or Progress()
         for number, (i, j) in enumerate(rest):
@@ -72,8 +75,8 @@ def crossplay(
             check_unchanged(document.adversaries[i], score.adversary.sha256)
             check_unchanged(document.victims[j], score.victim.sha256)
             document.scores[i][j] = score
-            if file is not None:
-                document.write(file.path)
+            if out is not None:
+                document.write(out)
             progress.note(f"{number + 1} of {len(rest)} pairings: {_summary(document, i, j, score)}")
     return document
 

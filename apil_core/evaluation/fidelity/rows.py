@@ -6,18 +6,19 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 from pydantic import BaseModel, ValidationError, computed_field
 
 from apil_core.common.errors import ConfigError
-from apil_core.common.files import check_place, locked, write_atomically
+from apil_core.common.files import check_place, locked_for, write_atomically
 from apil_core.common.statistics import Difference, difference
 from apil_core.config.game import spelt_out
 from apil_core.evaluation.fidelity.plan import RowPlan
 from apil_core.evaluation.results import EvaluationResult, Rate
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import load_policy
+
+_NUMBERS = ("episodes", "seed", "num_envs")
 
 
 class FidelityFile:
@@ -42,11 +43,7 @@ class FidelityFile:
         Raises:
             ConfigError: another process holds the lock.
         """
-        with locked(
-            self.path.with_name(f".{self.path.name}.lock"),
-            f"{self.path}: another apil fidelity is writing to it",
-            ConfigError,
-        ):
+        with locked_for(self.path, "apil fidelity"):
             self.rows = _read(self.path)
             yield
 
@@ -80,12 +77,20 @@ class FidelityFile:
         write_atomically(self.path, lambda file: file.write(text.encode()))
 
     def _check_same(self, plan: RowPlan, row: FidelityRow, plugins: PluginRegistry) -> None:
-        then, now = _played_with(row), _to_play_with(plan, plugins)
-        for name, value in then.items():
-            if value != now[name]:
+        """Compare everything that a row's numbers depend on."""
+        result, policies = row.result, (plan.adversary, plan.victim)
+        hashes = [load_policy(name, plugins=plugins).info.sha256 for name in policies]
+        here = spelt_out(plan.env, plan.options, plugins)
+        compared = {name: (getattr(result, name), getattr(plan, name)) for name in _NUMBERS}
+        compared["mujoco"] = (result.versions.get("mujoco"), metadata.version("mujoco"))
+        compared |= {f"game.{name}": (value, here[name]) for name, value in result.options_played.items()}
+        compared["adversary's sha256"] = (result.adversary.sha256, hashes[0])
+        compared["victim's sha256"] = (result.victim.sha256, hashes[1])
+        for name, (then, now) in compared.items():
+            if then != now:
                 raise ConfigError(
-                    f"{self.path} holds {plan.title} with {name} {value}, this call has "
-                    f"{now[name]}: take another --out file, or the same settings"
+                    f"{self.path} holds {plan.title} with {name} {then}, this call has {now}: "
+                    "take another --out file, or the same settings"
                 )
 
 
@@ -98,31 +103,6 @@ def read_rows(path: Path) -> list[FidelityRow]:
     if not path.is_file():
         raise ConfigError(f"{path}: no such file")
     return _read(path)
-
-
-def _played_with(row: FidelityRow) -> dict[str, Any]:
-    result = row.result
-    hashes = result.adversary.sha256, result.victim.sha256
-    return _settings(result, result.versions.get("mujoco"), result.options_played, hashes)
-
-
-def _to_play_with(plan: RowPlan, plugins: PluginRegistry) -> dict[str, Any]:
-    first, second = (load_policy(name, plugins=plugins).info for name in (plan.adversary, plan.victim))
-    options = spelt_out(plan.env, plan.options, plugins)
-    return _settings(plan, metadata.version("mujoco"), options, (first.sha256, second.sha256))
-
-
-def _settings(
-    source: RowPlan | EvaluationResult, mujoco: str | None, options: dict[str, Any], hashes: tuple[str, str]
-) -> dict[str, Any]:
-    """Everything a row's numbers depend on, by its name in messages."""
-    return {
-        **{name: getattr(source, name) for name in ("episodes", "seed", "num_envs")},
-        "mujoco": mujoco,
-        **{f"game.{name}": value for name, value in options.items()},
-        "adversary's sha256": hashes[0],
-        "victim's sha256": hashes[1],
-    }
 
 
 def _read(path: Path) -> list[FidelityRow]:

@@ -9,10 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from apil_core.api.config import RunConfig
 from apil_core.common.errors import ApilError
 from apil_core.config.kind import is_retraining
-from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.training.storage.run_dir import RunDir
 
 PROJECT = "apil"
@@ -44,14 +42,12 @@ class TrackedRun:
         Raises:
             RunDirError: it is neither.
         """
-        run_dir, config, method = _read(path)
-        return cls(
-            run_dir,
-            path.resolve().name,
-            f"{config.env}/{method}",
-            (config.env, method),
-            config.model_dump(mode="json"),
-        )
+        from apil_core.runs.retraining.folder import RetrainDir
+
+        run_dir = RetrainDir(path) if is_retraining(path) else RunDir(path)
+        config = run_dir.config()
+        tags = (config.env, config.method)
+        return cls(run_dir, path.resolve().name, "/".join(tags), tags, config.model_dump(mode="json"))
 
     def where(self, tracker: str) -> dict[str, str]:
         """Read what :meth:`note_where` stored; empty before that, or if the file is damaged."""
@@ -67,16 +63,6 @@ class TrackedRun:
 
     def _path(self, tracker: str) -> Path:
         return self.run_dir.path / f"{tracker}.json"
-
-
-def _read(path: Path) -> tuple[RunDir, RunConfig | RetrainConfig, str]:
-    from apil_core.runs.retraining.folder import RetrainDir
-
-    if is_retraining(path):
-        retraining = RetrainDir(path).config()
-        return RunDir(path), retraining, retraining.kind
-    config = RunDir(path).config()
-    return RunDir(path), config, config.method
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from importlib import metadata
 from os import PathLike, fspath
@@ -17,7 +18,6 @@ from typing import Literal
 
 import torch
 
-from apil_core.api.config import RunConfig
 from apil_core.api.game import Game
 from apil_core.api.method import RunPlugin
 from apil_core.api.policy import Policy
@@ -33,7 +33,7 @@ from apil_core.plugins.registry import load_policy, make_game, plugins_with
 from apil_core.policies.loading import victim_side
 from apil_core.training.export.adversary_file import to_bytes, without_folders
 from apil_core.training.export.run_policy import RunCheckpoint, run_path
-from apil_core.training.export.traced_network import Traced, onnx_bytes, torchscript_bytes, trace
+from apil_core.training.export.traced_network import onnx_bytes, torchscript_bytes, trace
 from apil_core.training.storage import checkpoint
 
 Format = Literal["onnx", "torchscript", "safetensors"]
@@ -118,106 +118,79 @@ def write(
     if format == "onnx":
         need("onnxruntime")  # used to compare the actions
     config = completed(source.run_dir.config().model_copy(update={"device": "cpu"}), plugins)
+    side = 1 - victim_side(config, plugins)
     game = make_game(config.env, num_envs=_GAMES, threads=1, options=config.game, plugins=plugins)
-    try:
-        export = _Export(source, config, plugins, game)
-        export.provenance |= provenance
-        return export.write(format, out)
-    finally:
-        game.close()
-
-
-class _Export:
-    """Export of one run."""
-
-    def __init__(self, source: RunCheckpoint, config: RunConfig, plugins: PluginRegistry, game: Game):
-        self.source = source
-        self.config = config
-        self.plugins = plugins
-        self.layout = game.layout
-        self.side = 1 - victim_side(config, plugins)
-        self.seat = game.layout.sides[self.side]
-        self.policy, self.steps = source.policy(config, game.layout, plugins, 0, "run")
-        if self.policy.hooks.implements("filter_observation"):
-            raise ConfigError(
-                f"{source.run_dir.path} filters what both sides see; it can only play from its run"
-            )
-        self.views = _views(game, self.side)
-        self.provenance = {
+    with closing(game):
+        layout, seat, views = game.layout, game.layout.sides[side], _views(game, side)
+        policy, steps = source.policy(config, layout, plugins, 0, "run")
+        provenance = {
             "run": source.run_dir.path.absolute().name,  # the rest of the path is private
             "checkpoint": source.path.name,
-            "checkpoint_sha256": self.policy.info.sha256,
-            "steps": str(self.steps),
+            "checkpoint_sha256": policy.info.sha256,
+            "steps": str(steps),
             "seed": str(config.seed),
             "method": config.method,
             "game": config.env,
-            "side": self.seat.name,
+            "side": seat.name,
             **_physics(game),
             "victim": without_folders(config.victim),
             "apil": metadata.version("apil"),
             "torch": metadata.version("torch"),
+            **provenance,
         }
+    if policy.hooks.implements("filter_observation"):
+        raise ConfigError(f"{source.run_dir.path} filters what both sides see; it can only play from its run")
+    reads: tuple[str, ...] = ()
+    if format == "safetensors":
+        state = checkpoint.read(source.path)
+        with policy.hooks.attribution():
+            acting = {name: each.acting_state_dict() for name, each in policy.hooks.of(RunPlugin).items()}
+        for kind in ("methods", "observers"):
+            state[kind] = {name: acting.get(name, full) for name, full in state.get(kind, {}).items()}
+        content = to_bytes(state, config, layout, side, provenance)
+    else:
+        traced = trace(policy, seat, views[0], provenance)
+        reads = traced.signature.reads
+        content = onnx_bytes(traced) if format == "onnx" else torchscript_bytes(traced)
+    part = out.with_name(f".{out.name}.part")
+    write_atomically(part, lambda file: file.write(content))
+    try:
+        written = load_policy(f"{format}:{part}", plugins=plugins, seat=seat)
+        difference = _difference(policy, written, views, source.path, config.method)
+        part.replace(out)
+    finally:
+        part.unlink(missing_ok=True)
+    digest = hashlib.sha256(content).hexdigest()
+    return Exported(out, f"{format}:{out}", digest, reads, difference, provenance)
 
-    def write(self, format: Format, out: Path) -> Exported:
-        reads: tuple[str, ...] = ()
-        if format == "safetensors":
-            state = checkpoint.read(self.source.path)
-            with self.policy.hooks.attribution():
-                acting = {
-                    name: plugin.acting_state_dict()
-                    for name, plugin in self.policy.hooks.of(RunPlugin).items()
-                }
-            for kind in ("methods", "observers"):
-                state[kind] = {name: acting.get(name, full) for name, full in state.get(kind, {}).items()}
-            content = to_bytes(state, self.config, self.layout, self.side, self.provenance)
-        else:
-            traced = trace(self.policy, self.seat, self.views[0], self.provenance)
-            reads = traced.signature.reads
-            content = self._network(format, traced)
-        part = out.with_name(f".{out.name}.part")
-        write_atomically(part, lambda file: file.write(content))
-        try:
-            difference = self._difference(self._load(f"{format}:{part}"))
-            part.replace(out)
-        finally:
-            part.unlink(missing_ok=True)
-        digest = hashlib.sha256(content).hexdigest()
-        return Exported(out, f"{format}:{out}", digest, reads, difference, self.provenance)
 
-    @staticmethod
-    def _network(format: Format, traced: Traced) -> bytes:
-        return onnx_bytes(traced) if format == "onnx" else torchscript_bytes(traced)
+def _difference(policy: Policy, written: Policy, views: list[View], path: Path, method: str) -> float:
+    """Largest deviation of the mode over the views.
 
-    def _load(self, name: str) -> Policy:
-        return load_policy(name, plugins=self.plugins, seat=self.seat)
-
-    def _difference(self, written: Policy) -> float:
-        """Largest deviation of the mode over the views.
-
-        Raises:
-            ApilError: it is more than rounding explains, or no number.
-        """
-        differences = []
-        for view in self.views:
-            ours, theirs = (who.act(view, sample=False) for who in (self.policy, written))
-            pairs = [(ours.action, theirs.action)]
-            if ours.distribution is not None and theirs.distribution is not None:
-                std = [who.distribution.std.expand_as(who.action) for who in (ours, theirs)]  # type: ignore
-                pairs.append((std[0], std[1]))
-            if not all(expected.isfinite().all() for expected, _ in pairs):
-                raise ApilError(
-                    f"the actions of {self.source.path} are not finite: its training diverged; "
-                    "choose an earlier one with --checkpoint"
-                )
-            differences += [(a - b).abs().max() for a, b in pairs]
-        largest = float(torch.stack(differences).max())  # NaN if one is, unlike Python's max
-        if not largest <= TOLERANCE:
+    Raises:
+        ApilError: it is more than rounding explains, or no number.
+    """
+    differences = []
+    for view in views:
+        ours, theirs = (who.act(view, sample=False) for who in (policy, written))
+        pairs = [(ours.action, theirs.action)]
+        if ours.distribution is not None and theirs.distribution is not None:
+            std = [who.distribution.std.expand_as(who.action) for who in (ours, theirs)]  # type: ignore
+            pairs.append((std[0], std[1]))
+        if not all(expected.isfinite().all() for expected, _ in pairs):
             raise ApilError(
-                f"the exported file does not act as the run does (difference {largest:.2g}, allowed "
-                f"{TOLERANCE:g}): method {self.config.method!r} does in its hooks what a fixed network "
-                "cannot, e.g. remembers or draws; use --format safetensors"
+                f"the actions of {path} are not finite: its training diverged; "
+                "choose an earlier one with --checkpoint"
             )
-        return largest
+        differences += [(a - b).abs().max() for a, b in pairs]
+    largest = float(torch.stack(differences).max())  # NaN if one is, unlike Python's max
+    if not largest <= TOLERANCE:
+        raise ApilError(
+            f"the exported file does not act as the run does (difference {largest:.2g}, allowed "
+            f"{TOLERANCE:g}): method {method!r} does in its hooks what a fixed network "
+            "cannot, e.g. remembers or draws; use --format safetensors"
+        )
+    return largest
 
 
 def _physics(game: Game) -> dict[str, str]:
