@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Group, Parameter
 
-from apil_core.cli.flags import Flags, Json, Plugins, Quiet, flags_of
+from apil_core.cli.flags import Flags, Json, Plugins, Quiet, flags_of, setting_flag
 from apil_core.cli.output import console, print_json, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
@@ -51,13 +51,7 @@ class DistillFlags(Flags):
 
     sets: Annotated[
         list[str],
-        Parameter(
-            name="--set",
-            show_default=False,
-            metavar="KEY=VALUE",
-            group=_HOW,
-            help="Any other setting, e.g. final_passes=40 or game.max_steps=100; repeatable.",
-        ),
+        setting_flag("Any other setting, e.g. final_passes=40 or game.max_steps=100; repeatable.", _HOW),
     ] = field(default_factory=list)
 
 

@@ -65,7 +65,6 @@ def fidelity(
     """
     from apil_core.evaluation.fidelity.plan import plan_rows
     from apil_core.evaluation.fidelity.play import missing_policy, play_rows
-    from apil_core.evaluation.fidelity.rows import FidelityFile
     from apil_core.plugins.discovery import discover
 
     options = (flags or FidelityFlags()).options()
@@ -74,9 +73,8 @@ def fidelity(
     if game and options.physics is not None:
         _check_profiles(games)
     plan = plan_rows(games, options, missing_policy(plugins))
-    file = None if out is None else FidelityFile(out)
     with make_progress(quiet=quiet) as progress:
-        rows = play_rows(plan.rows, plugins=plugins, threads=options.threads, progress=progress, file=file)
+        rows = play_rows(plan.rows, plugins=plugins, threads=options.threads, progress=progress, out=out)
     if as_json:
         skipped = [matchup.model_dump(mode="json") for matchup in plan.skipped]
         print_json({"rows": [row.model_dump(mode="json") for row in rows], "skipped": skipped})

@@ -157,6 +157,11 @@ def _kind(annotation: Any, name: str) -> Any:
     return parts[0] if get_origin(annotation) is Annotated else annotation
 
 
+def setting_flag(text: str, group: Group) -> Parameter:
+    """The flag ``--set``, with its help and its place there."""
+    return Parameter(name="--set", show_default=False, metavar="KEY=VALUE", group=group, help=text)
+
+
 def _source(text: str, **options: Any) -> Any:
     return Parameter(help=text, group=_SOURCES, show_default=False, **options)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Group, Parameter
 
-from apil_core.cli.flags import Flags, Json, Plugins, Quiet, flags_of
+from apil_core.cli.flags import Flags, Json, Plugins, Quiet, flags_of, setting_flag
 from apil_core.cli.guard import INTERRUPTED, complain
 from apil_core.cli.output import console, print_json, say, table
 from apil_core.cli.progress import make_progress
@@ -48,12 +48,8 @@ class RetrainFlags(Flags):
 
     sets: Annotated[
         list[str],
-        Parameter(
-            name="--set",
-            show_default=False,
-            metavar="KEY=VALUE",
-            group=_HOW,
-            help="Any other setting, e.g. ppo.learning_rate=1e-4 or evaluation.every_steps=500_000.",
+        setting_flag(
+            "Any other setting, e.g. ppo.learning_rate=1e-4 or evaluation.every_steps=500_000.", _HOW
         ),
     ] = field(default_factory=list)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pydantic import BaseModel, ValidationError, create_model
+from pydantic import BaseModel, create_model
 
 from apil_core.api.config import RunConfig, Section
 from apil_core.api.profiles import ProfiledOptions
@@ -18,7 +18,7 @@ from apil_core.api.specs import options_model
 from apil_core.common.documents import plain
 from apil_core.common.errors import ApilError
 from apil_core.config.layers import Key, Layer, flag_layer, merge, set_layer
-from apil_core.config.problems import Problem, problems_of, raise_problems
+from apil_core.config.problems import Problem, raise_problems, validated
 from apil_core.config.schema import NoOptions
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import default_plugins
@@ -98,14 +98,8 @@ def with_game_options(
     given = Layer({"game": dict(options or {})}, origins, command_line=True)
     asked = [flag_layer({f"game.{PHYSICS}": physics}), given, *map(set_layer, sets)]
     data, written = merge({"game": {}}, settled([Layer({"game": config.game}), *asked], own))
-    problems = profile_problems(data, own, config.env)
-    raise_problems(problems, written)
-    try:
-        checked = model.model_validate(data)
-    except ValidationError as error:
-        raise_problems(problems_of(error, model), written)
-        raise
-    return config.model_copy(update=plain(checked), deep=True)
+    raise_problems(profile_problems(data, own, config.env), written)
+    return config.model_copy(update=plain(validated(model, data, written)), deep=True)
 
 
 def spelt_out(env: str, options: Mapping[str, Any], plugins: PluginRegistry) -> dict[str, Any]:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pydantic import ValidationError, create_model
+from pydantic import create_model
 
 from apil_core.api.config import RunConfig, Section
 from apil_core.api.specs import options_model, titled
 from apil_core.common.documents import plain
 from apil_core.common.errors import ConfigError, UnknownNameError
 from apil_core.config.layers import Key, Layer, merge, set_layer
-from apil_core.config.problems import problems_of, raise_problems
+from apil_core.config.problems import validated
 from apil_core.plugins.discovery import PluginRegistry
 
 Observers = Mapping[str, Mapping[str, Any]]
@@ -55,12 +55,7 @@ def with_observers(
     given = {name: dict(values) for name, values in observers.items() if values or name in fields}
     origins: dict[Key, str] = {("options", name): "observers" for name in given}
     data, written = merge({}, [Layer({"options": given}, origins), *map(set_layer, sets)])
-    try:
-        checked = model.model_validate(data)
-    except ValidationError as error:
-        raise_problems(problems_of(error, model), written)
-        raise
-    options = plain(checked)["options"]
+    options = plain(validated(model, data, written))["options"]
     return config.model_copy(
         update={
             "observers": (*config.observers, *observers),

@@ -5,12 +5,14 @@ from __future__ import annotations
 import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from apil_core.common.errors import ConfigError, UnknownNameError, suggest
 from apil_core.config.layers import Key
+
+Model = TypeVar("Model", bound=BaseModel)
 
 _SHOULD = {
     **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "should be a whole number"),
@@ -43,6 +45,19 @@ def problems_of(error: ValidationError, model: type[BaseModel]) -> list[Problem]
     # pydantic also reports a tuple with wrong parts as too short
     shown = [item for item in found if item["type"] != "too_short" or tuple(item["loc"]) not in parts]
     return [Problem(tuple(item["loc"]), _reason(dict(item), model)) for item in shown]
+
+
+def validated(model: type[Model], data: Mapping[str, Any], origins: Mapping[Key, str]) -> Model:
+    """``data`` as that model.
+
+    Raises:
+        ConfigError: one line per mistake.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise_problems(problems_of(error, model), origins)
+        raise
 
 
 def unknown_name(key: Key, kind: str, name: str, known: Sequence[str]) -> Problem:

@@ -6,7 +6,7 @@ import time
 from collections import Counter
 from typing import Any
 
-from apil_core.api.config import BlindMode
+from apil_core.api.config import BlindMode, RunConfig
 from apil_core.api.game import Game
 from apil_core.common.seeds import stream_seed
 from apil_core.common.torch_threads import one_torch_thread
@@ -17,9 +17,22 @@ from apil_core.evaluation.play import EpisodeCounts, play
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult, wilson
 from apil_core.plugins.defined import PolicyLike
+from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import make_game
 
 MAX_PARALLEL_GAMES = 128
 """Default number of parallel games of an evaluation; fixed, so that a seed gives the same games anywhere."""
+
+
+def parallel_games(config: RunConfig, episodes: int, plugins: PluginRegistry) -> Game:
+    """Games of a configuration for scoring so many episodes, as many in parallel as in ``apil eval``."""
+    return make_game(
+        config.env,
+        num_envs=min(episodes, MAX_PARALLEL_GAMES),
+        threads=config.threads,
+        options=config.game,
+        plugins=plugins,
+    )
 
 
 def score(

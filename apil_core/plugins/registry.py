@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
-from apil_core.api.game import Game, SideLayout
+from apil_core.api.game import Game, GameLayout, SideLayout
 from apil_core.api.specs import (
     GameSpec,
     MethodSpec,
@@ -104,6 +105,29 @@ def make_game(
     which = {"target": spec.target} if spec.target else {}
     game: Game = load(spec.factory)(num_envs=num_envs, threads=threads, options=model, **which)
     return game
+
+
+def layout_of(
+    name: str, options: dict[str, Any] | None = None, plugins: PluginRegistry | None = None
+) -> GameLayout:
+    """Layout of the games of that name; raises as :func:`make_game`."""
+    with closing(make_game(name, num_envs=1, options=options, plugins=plugins)) as game:
+        return game.layout
+
+
+def named_side(env: str, side: str | None, plugins: PluginRegistry) -> tuple[GameLayout, int]:
+    """Layout of a game, and the index of its side of that name; ``None``: the attacked one.
+
+    Raises:
+        UnknownNameError: there is no such game, or it has no such side.
+    """
+    layout = layout_of(env, plugins=plugins)
+    names = [seat.name for seat in layout.sides]
+    if side is None:
+        return layout, game_spec(env, plugins).victim_side
+    if side not in names:
+        raise UnknownNameError(f"side of {env}", side, names)
+    return layout, names.index(side)
 
 
 def load_policy(

@@ -11,10 +11,9 @@ from apil_core.api.game import GameLayout
 from apil_core.api.policy import Policy
 from apil_core.api.types import View
 from apil_core.common.documents import EXACT
-from apil_core.common.errors import UnknownNameError
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.plugins.registry import game_spec, load_policy, make_game
+from apil_core.plugins.registry import game_spec, load_policy, named_side
 from apil_core.policies.conformance import Conformance, examine
 from apil_core.policies.loading import full_name
 
@@ -69,7 +68,7 @@ def inspect_policy(
     Raises:
         ApilError: there is no such game or side, or the policy cannot be loaded.
     """
-    layout, index = _seat(env, side, plugins)
+    layout, index = named_side(env, side, plugins)
     seat, opponent = layout.sides[index], layout.sides[1 - index]
     policy = load_policy(full_name(name, seat), plugins=plugins, seat=seat, trust=trust)
     info = policy.info
@@ -102,18 +101,6 @@ def inspect_policy(
     )
 
 
-def _seat(env: str, side: str | None, plugins: PluginRegistry) -> tuple[GameLayout, int]:
-    game = make_game(env, num_envs=1, plugins=plugins)
-    game.close()
-    names = [seat.name for seat in game.layout.sides]
-    if side is None:
-        return game.layout, game_spec(env, plugins).victim_side
-    if side not in names:
-        raise UnknownNameError(f"side of {env}", side, names)
-    return game.layout, names.index(side)
-
-
-@torch.no_grad()
 def _speed(policy: Policy, layout: GameLayout, index: int) -> float:
     seat, opponent = layout.sides[index], layout.sides[1 - index]
     generator = torch.Generator().manual_seed(0)

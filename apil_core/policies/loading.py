@@ -14,7 +14,7 @@ from apil_core.config.kind import is_retraining
 from apil_core.plugins.default_victim import BASELINES as BASELINES
 from apil_core.plugins.default_victim import default_victim
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.plugins.registry import game_spec, load_policy, make_game
+from apil_core.plugins.registry import game_spec, layout_of, load_policy
 from apil_core.policies.conformance import check_policy
 
 
@@ -28,9 +28,7 @@ def victim_name(config: RunConfig, plugins: PluginRegistry) -> str:
         return config.victim
     spec = game_spec(config.env, plugins)
     if not spec.default_victim:
-        game = make_game(config.env, num_envs=1, options=config.game, plugins=plugins)
-        seat = game.layout.sides[victim_side(config, plugins)]
-        game.close()
+        seat = layout_of(config.env, config.game, plugins).sides[victim_side(config, plugins)]
         raise ConfigError(
             f"game {config.env!r} has no default victim; name one for its {seat.name} "
             f"({seat.observation_size} observations, {seat.action_size} actions) with --victim NAME, or try "

@@ -7,7 +7,7 @@ import json
 import shutil
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing
 from math import ceil
 from pathlib import Path
 
@@ -81,7 +81,7 @@ def dry_run(config: RunConfig, plugins: PluginRegistry, place: Path = Path()) ->
     """
     config = complete(config, plugins)
     trainer, _ = prepared(shortened(config), plugins, ALONE)
-    with _closed(trainer):
+    with closing(trainer):
         metrics = _second_iteration(trainer)
         rate, attack, scoring = metrics["steps_per_second"], trainer.attack, config.evaluation
         evaluations = config.steps // scoring.every_steps if scoring.every_steps else 0
@@ -116,7 +116,7 @@ def dry_run(config: RunConfig, plugins: PluginRegistry, place: Path = Path()) ->
 def steps_per_second(config: RunConfig, plugins: PluginRegistry) -> float:
     """Measure the training speed of such a run at the machine's present load."""
     trainer = Trainer(build(shortened(config), plugins), plugins)
-    with _closed(trainer), one_torch_thread():
+    with closing(trainer), one_torch_thread():
         return _second_iteration(trainer)["steps_per_second"]
 
 
@@ -153,12 +153,3 @@ def _weights(state: object) -> Iterator[torch.Tensor]:
 def _existing(place: Path) -> Path:
     place = place.absolute()
     return next(path for path in (place, *place.parents) if path.is_dir())
-
-
-@contextmanager
-def _closed(trainer: Trainer) -> Iterator[None]:
-    try:
-        yield
-    finally:
-        trainer.attack.game.close()
-        trainer.side_games.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from contextlib import closing
 
 import torch
 
@@ -10,8 +11,7 @@ from apil_core.api.policy import Policy, PolicyInfo
 from apil_core.evaluation.pairing import Pairing
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult
-from apil_core.evaluation.score import MAX_PARALLEL_GAMES, score
-from apil_core.plugins.registry import make_game
+from apil_core.evaluation.score import parallel_games, score
 from apil_core.policies.loading import run_victim
 from apil_core.training.build import adversary_policy, observing_alone
 from apil_core.training.trainer import Trainer
@@ -43,26 +43,19 @@ def score_in_training(
     seat = layout.sides[side]
     name = name or f"run at {trainer.steps} steps"
     info = PolicyInfo(name, sha256, seat.observation_size, seat.action_size)
-    with torch.random.fork_rng(devices=[]):
-        game = make_game(
-            config.env,
-            num_envs=min(episodes, MAX_PARALLEL_GAMES),
-            threads=config.threads,
-            options=config.game,
-            plugins=trainer.plugins,
-        )
-        try:
-            victim = run_victim(config, game, trainer.plugins, seed)
-            if adversary is None:
-                state = copy.deepcopy(trainer.policy_state())
-                own = adversary_policy(state, info, config, game.layout, side, trainer.plugins, seed)
-                pairing = Pairing(config, game, own, victim, side, own.hooks, trainer.steps)
-            else:
-                hooks = observing_alone(config, game.layout, side, trainer.plugins)
-                pairing = Pairing(config, game, adversary, victim, side, hooks)
-            result = score(pairing, episodes=episodes, seed=seed, progress=progress)
-        finally:
-            game.close()
+    with (
+        torch.random.fork_rng(devices=[]),
+        closing(parallel_games(config, episodes, trainer.plugins)) as game,
+    ):
+        victim = run_victim(config, game, trainer.plugins, seed)
+        if adversary is None:
+            state = copy.deepcopy(trainer.policy_state())
+            own = adversary_policy(state, info, config, game.layout, side, trainer.plugins, seed)
+            pairing = Pairing(config, game, own, victim, side, own.hooks, trainer.steps)
+        else:
+            hooks = observing_alone(config, game.layout, side, trainer.plugins)
+            pairing = Pairing(config, game, adversary, victim, side, hooks)
+        result = score(pairing, episodes=episodes, seed=seed, progress=progress)
     if adversary is None:
         trainer.hook.evaluation_finished(run=trainer, result=result.model_dump(mode="json"))
     return result

@@ -360,8 +360,7 @@ class Session:
         os.close(self._held.descriptor)
         self.log.close()
         self.progress.finished(self.run_dir.path)
-        self.trainer.attack.game.close()
-        self.trainer.side_games.close()
+        self.trainer.close()
 
 
 def _evaluation_metrics(result: EvaluationResult, prefix: str = "evaluation") -> dict[str, float]:

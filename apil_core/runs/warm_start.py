@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import torch
@@ -95,12 +94,8 @@ def _wins(result: EvaluationResult) -> str:
     return f"{rate.value:.1%} [{rate.low:.1%}, {rate.high:.1%}]"
 
 
-@dataclass
-class _Block:
-    """A rollout: the adversary's raw observations (T·n, o) and the teacher's means in units of σ (T·n, a)."""
-
-    observation: Tensor
-    label: Tensor
+_Block = tuple[Tensor, Tensor]
+"""A rollout: the adversary's raw observations (T·n, o), and the teacher's means in units of σ (T·n, a)."""
 
 
 class _Cloning:
@@ -163,19 +158,19 @@ class _Cloning:
             env.step(mean + self.std * noise)
         env.finish_rollout()
         with torch.inference_mode(False):
-            return _Block(torch.cat(observations).clone(), torch.cat(labels).clone())
+            return torch.cat(observations).clone(), torch.cat(labels).clone()
 
     def _train(self, blocks: Sequence[_Block]) -> None:
         """Train one pass: KL(teacher ‖ clone) in nats, which is half the squared error in units of σ."""
         mlp = self.actor.model.mlp
         normalizer = self.trainer.attack.builder.normalizers[OWN_GROUP]
         added = self._added()
-        for block in blocks:
+        for observation, label in blocks:
             with torch.no_grad():
-                inputs = torch.zeros(len(block.label), len(added), device=block.label.device)
-                inputs[:, ~added] = normalizer(block.observation)
+                inputs = torch.zeros(len(label), len(added), device=label.device)
+                inputs[:, ~added] = normalizer(observation)
             for rows in torch.randperm(len(inputs), generator=self.order).split(_MINIBATCH):
-                error = mlp(inputs[rows]) / self.std - block.label[rows]
+                error = mlp(inputs[rows]) / self.std - label[rows]
                 self.optimizer.zero_grad()
                 error.square().sum(-1).mean().mul(0.5).backward()
                 nn.utils.clip_grad_norm_(mlp.parameters(), 10.0)

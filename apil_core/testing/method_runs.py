@@ -14,7 +14,7 @@ from apil_core.api.config import RunConfig
 from apil_core.api.method import Method
 from apil_core.config.resolve import complete
 from apil_core.plugins.hook_manager import RunHookManager
-from apil_core.plugins.registry import make_game
+from apil_core.plugins.registry import layout_of
 from apil_core.policies.loading import victim_side
 from apil_core.testing import companions
 from apil_core.testing.checks import ContractError, checking
@@ -50,14 +50,11 @@ class WatchedRun:
 def built(tested: MethodUnderTest, seed: int = 0) -> tuple[dict[str, Method], RunHookManager]:
     """Build the method and what it requires, by name, and the manager of their hooks; no run."""
     config = complete(tested.config(seed=seed, num_envs=2), tested.registry)
-    game = make_game(config.env, num_envs=1, threads=1, options=config.game, plugins=tested.registry)
-    try:
-        side = 1 - victim_side(config, tested.registry)
-        torch.manual_seed(seed)
-        setup = method_setup(config, game.layout, side, torch.device("cpu"))
-        return build_hooks(config, tested.registry, setup)
-    finally:
-        game.close()
+    layout = layout_of(config.env, config.game, tested.registry)
+    side = 1 - victim_side(config, tested.registry)
+    torch.manual_seed(seed)
+    setup = method_setup(config, layout, side, torch.device("cpu"))
+    return build_hooks(config, tested.registry, setup)
 
 
 @checking("state")

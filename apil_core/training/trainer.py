@@ -255,6 +255,11 @@ class Trainer:
             "config": self.config.model_dump(mode="json"),
         }
 
+    def close(self) -> None:
+        """Release the games."""
+        self.attack.game.close()
+        self.side_games.close()
+
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on exactly where :meth:`state_dict` was taken."""
         attack = self.attack

@@ -139,6 +139,7 @@ MISTAKES = {
     (*TOY, "--video", "film.mp4", "--speed", "0"): "speed must be at least 0.001, got 0",
     (*TOY, "--video", "film.mp4", "--fps", "-3"): "fps must be at least 1, got -3",
     (*TOY, "--snapshots", "0"): "snapshots must be at least 1, got 0",
+    (*TOY, "--snapshots", "51"): "snapshots must be at most 50, got 51",
     (*TOY, "--snapshots", "3", "--height", "100000"): "height must be at most 4096, got 100000",
     (*TOY, "--snapshots", "5", "--episodes", "1000"): "a contact sheet of 2416 × 323996 pixels is too large",
     (*TOY, "--snapshots", "3", "--out", "strip.pdf"): "snapshots are written to .png",

@@ -58,8 +58,6 @@ def test_a_contact_sheet_has_a_row_for_every_game() -> None:
     ("name", "snapshots", "message"),
     [
         ("sheet.gif", 3, r"\.png"),
-        ("sheet.png", 0, "1 to 50, got 0"),
-        ("sheet.png", 51, "got 51"),
         ("sheet.webp", 40, "19356 × 320 pixels is too large"),
     ],
 )

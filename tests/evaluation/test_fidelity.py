@@ -9,10 +9,11 @@ from typing import Any, Literal
 import pytest
 
 from apil_core import ConfigError, GameSpec, Matchup, PublishedScore, Section
+from apil_core.common.files import locked_for
 from apil_core.common.statistics import difference
 from apil_core.evaluation.fidelity.plan import Plan, RowPlan, plan_rows, switches
 from apil_core.evaluation.fidelity.play import missing_policy, play_rows, summary
-from apil_core.evaluation.fidelity.rows import FidelityFile, FidelityRow
+from apil_core.evaluation.fidelity.rows import FidelityRow
 from apil_core.evaluation.options import FidelityOptions
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult, wilson
@@ -256,7 +257,7 @@ def test_a_half_finished_file_is_continued(
 ) -> None:
     path = tmp_path / "rows.jsonl"
     with pytest.raises(StopError):
-        play_rows(plans, plugins=plugins, threads=1, progress=Impatient(), file=FidelityFile(path))
+        play_rows(plans, plugins=plugins, threads=1, progress=Impatient(), out=path)
     assert len(path.read_text().splitlines()) == 2
     first = path.read_text()
 
@@ -266,7 +267,7 @@ def test_a_half_finished_file_is_continued(
         def note(self, text: str) -> None:
             self.notes.append(text)
 
-    rows = play_rows(plans, plugins=plugins, threads=1, progress=Counting(), file=FidelityFile(path))
+    rows = play_rows(plans, plugins=plugins, threads=1, progress=Counting(), out=path)
     assert len(Counting.notes) == len(plans) - 2
     assert Counting.notes[-1].startswith(f"{len(plans)} of {len(plans)} rows: toy-pursuit, ")
     assert path.read_text().startswith(first)
@@ -291,37 +292,34 @@ def test_a_file_with_other_settings_is_refused(
     plugins: PluginRegistry, plans: list[RowPlan], tmp_path: Path, change: dict[str, int], message: str
 ) -> None:
     path = tmp_path / "rows.jsonl"
-    play_rows(plans[:1], plugins=plugins, threads=1, file=FidelityFile(path))
+    play_rows(plans[:1], plugins=plugins, threads=1, out=path)
     before = path.read_text()
     other = plans[0].model_copy(update=change)
     with pytest.raises(ConfigError, match=message) as caught:
-        play_rows([other], plugins=plugins, threads=1, file=FidelityFile(path))
+        play_rows([other], plugins=plugins, threads=1, out=path)
     assert "\n" not in str(caught.value)
     assert path.read_text() == before
 
 
-def test_a_damaged_file_and_a_wrong_place_are_refused(tmp_path: Path) -> None:
+def test_a_damaged_file_and_a_wrong_place_are_refused(plugins: PluginRegistry, tmp_path: Path) -> None:
     path = tmp_path / "rows.jsonl"
     path.write_text("{}\n")
-    with pytest.raises(ConfigError, match=r"rows.jsonl:1: this line is no row"):
-        FidelityFile(path)
-    with pytest.raises(ConfigError, match="is a directory"):
-        FidelityFile(tmp_path)
-    with pytest.raises(ConfigError, match="its directory does not exist"):
-        FidelityFile(tmp_path / "no" / "rows.jsonl")
-    with pytest.raises(ConfigError, match="cannot be written"):
-        FidelityFile(Path("/proc/rows.jsonl"))
+    places = {
+        path: r"rows.jsonl:1: this line is no row",
+        tmp_path: "is a directory",
+        tmp_path / "no" / "rows.jsonl": "its directory does not exist",
+        Path("/proc/rows.jsonl"): "cannot be written",
+    }
+    for place, message in places.items():
+        with pytest.raises(ConfigError, match=message):
+            play_rows([], plugins=plugins, out=place)
 
 
 def test_two_may_not_write_one_file(plugins: PluginRegistry, plans: list[RowPlan], tmp_path: Path) -> None:
     path = tmp_path / "rows.jsonl"
-    first, second = FidelityFile(path), FidelityFile(path)
-    with first.alone(), pytest.raises(ConfigError, match="another apil fidelity"):
-        play_rows(plans[:1], plugins=plugins, threads=1, file=second)
+    with locked_for(path, "apil fidelity"), pytest.raises(ConfigError, match="another apil fidelity"):
+        play_rows(plans[:1], plugins=plugins, threads=1, out=path)
     assert not path.exists()
-    play_rows(plans[:1], plugins=plugins, threads=1, file=first)
-    rows = play_rows(plans[:2], plugins=plugins, threads=1, file=second)  # opened before that row was there
-    assert len(path.read_text().splitlines()) == len(rows) == 2
 
 
 @pytest.mark.parametrize(
@@ -331,7 +329,7 @@ def test_rows_of_other_games_or_players_are_not_taken(
     plugins: PluginRegistry, plans: list[RowPlan], tmp_path: Path, old: str, new: str
 ) -> None:
     path = tmp_path / "rows.jsonl"
-    play_rows(plans[:1], plugins=plugins, threads=1, file=FidelityFile(path))
+    play_rows(plans[:1], plugins=plugins, threads=1, out=path)
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(ConfigError, match="take another --out file"):
-        play_rows(plans[:1], plugins=plugins, threads=1, file=FidelityFile(path))
+        play_rows(plans[:1], plugins=plugins, threads=1, out=path)

@@ -23,7 +23,7 @@ from apil_core import (
     PluginError,
     make_game,
 )
-from apil_core.games.pettingzoo.spaces import Scaled, Scores, Seat
+from apil_core.games.pettingzoo.spaces import Actions, Seat
 from apil_core.testing.game_checks import CHECKS
 from apil_core.testing.game_play import Play, Trial, same
 from games.odd_envs import Masked, Race, Scripted
@@ -186,33 +186,33 @@ def test_odd_rewards_and_infos_are_refused(what: dict[str, Any], message: str) -
 
 
 def test_box_actions_reach_both_bounds() -> None:
-    actions = Scaled(Race().action_space("cart"))
+    actions = Actions(Race().action_space("cart"))
     given = np.array([[-1, -1], [1, 1], [0, 0], [0.5, -9]], np.float32)
     np.testing.assert_array_equal(actions.native(given), [[0, -3], [1, 5], [0.5, 1], [0.75, -3]])
     assert actions.native(given).dtype == np.float32
 
 
 def test_a_symmetric_box_changes_nothing() -> None:
-    actions = Scaled(Scripted().action_space("a"))
+    actions = Actions(Scripted().action_space("a"))
     given = np.random.default_rng(0).uniform(-1, 1, (50, 2)).astype(np.float32)
     np.testing.assert_array_equal(actions.native(given), given)
 
 
 def test_whole_numbers_are_rounded() -> None:
-    actions = Scaled(Scripted(actions="whole").action_space("a"))
+    actions = Actions(Scripted(actions="whole").action_space("a"))
     np.testing.assert_array_equal(actions.native(np.array([[-1], [0.1], [1]])), [[0], [6], [10]])
     assert actions.native(np.zeros((1, 1))).dtype == np.int32
 
 
 def test_the_largest_score_is_chosen() -> None:
-    actions = Scores(Race().action_space("hare"))
+    actions = Actions(Race().action_space("hare"))
     scores = np.array([[0, 0, 1], [3, 2, 1], [0, 0, 0], [-5, -4, -6]], np.float32)
     assert actions.native(scores).tolist() == [4, 2, 2, 3]
     assert actions.size == 3
 
 
 def test_scores_have_no_bound_and_large_ones_do_not_tie() -> None:
-    actions = Scores(Race().action_space("hare"))
+    actions = Actions(Race().action_space("hare"))
     scores = np.array([[11, 12, -50], [-30, -20, -40], [1e6, 1e6, 1.5e6]], np.float32)
     assert actions.native(scores).tolist() == [3, 3, 4]
     cart, hare = race(1).layout.sides

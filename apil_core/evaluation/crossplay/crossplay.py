@@ -83,7 +83,7 @@ def crossplay(
 
 def _blank(participants: Participants, command: Sequence[str]) -> CrossPlay:
     return CrossPlay(
-        env=participants.env,
+        env=participants.setting.env,
         adversaries=participants.adversaries,
         victims=participants.victims,
         scores=[[None] * len(participants.victims) for _ in participants.adversaries],

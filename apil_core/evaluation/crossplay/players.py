@@ -24,13 +24,11 @@ class Participants:
     """All players, loaded once.
 
     Attributes:
-        env: the game.
         adversaries, victims: in the order given.
         options: for loading any of their pairings, except the victim.
         setting: of the first adversary's games; all others play in the same one.
     """
 
-    env: str
     adversaries: list[Player]
     victims: list[Player]
     options: PairingOptions
@@ -75,7 +73,6 @@ def load_all(
     _check_same_game(met)
     attacked = [setting.victim] + [load(first, str(name)).victim for name in list(victims.values())[1:]]
     return Participants(
-        env=setting.env,
         adversaries=[_player(label, each.adversary, trained[label]) for label, each in met],
         victims=[
             _player(label, found, run_config(name))

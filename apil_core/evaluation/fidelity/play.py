@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from contextlib import nullcontext
+from pathlib import Path
 
 from apil_core.common.errors import UnknownNameError, VictimError
+from apil_core.common.files import check_place, locked_for
 from apil_core.evaluation.fidelity.plan import RowPlan
-from apil_core.evaluation.fidelity.rows import FidelityFile, FidelityRow
+from apil_core.evaluation.fidelity.rows import FidelityRow, check_same, read_rows, write_rows
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.score import evaluate
 from apil_core.plugins.discovery import PluginRegistry
@@ -40,32 +42,41 @@ def play_rows(
     plugins: PluginRegistry,
     threads: int = 0,
     progress: Progress | None = None,
-    file: FidelityFile | None = None,
+    out: Path | None = None,
 ) -> list[FidelityRow]:
-    """Play every row that ``file`` does not have yet; each is written as soon as it is finished.
+    """Play every row that the file ``out`` does not have yet; each is written as soon as it is finished.
 
     Args:
         plans: in the order of playing.
         plugins: registry with the games and the policies.
         threads: physics threads (0: all CPUs); never changes the result.
         progress: called as games end, and with a note of each finished row.
-        file: that rows are read from and written to.
+        out: file that rows are read from and written to.
 
     Raises:
         ApilError: names, options or the file are wrong.
     """
     plans = list(plans)
     progress = progress or Progress()
-    with nullcontext() if file is None else file.alone():
-        rows = {} if file is None else file.played(plans, plugins)
+    if out is not None:
+        check_place(out)
+    with nullcontext() if out is None else locked_for(out, "apil fidelity"):
+        stored = [] if out is None or not out.exists() else read_rows(out)
+        here, rows = {row.plan.identity: row for row in stored}, {}
+        for plan in plans:
+            if out is not None and plan.identity in here:
+                check_same(out, plan, here[plan.identity], plugins)
+                # the published score may have been corrected since; the games are unchanged
+                rows[plan.identity] = here[plan.identity].model_copy(update={"plan": plan})
         for plan in plans:
             if plan.identity in rows:
                 continue
             asked = plan.model_dump(include=_ASKED) | {"game_options": plan.options}
             score = evaluate(**asked, threads=threads, plugins=plugins, progress=progress)
             row = FidelityRow(plan=plan, result=score)
-            if file is not None:
-                file.add(row)
+            stored.append(row)
+            if out is not None:
+                write_rows(out, stored)
             rows[plan.identity] = row
             progress.note(f"{len(rows)} of {len(plans)} rows: {summary(row)}")
     return [rows[plan.identity] for plan in plans]

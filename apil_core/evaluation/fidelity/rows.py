@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
 
 from pydantic import BaseModel, ValidationError, computed_field
 
 from apil_core.common.errors import ConfigError
-from apil_core.common.files import check_place, locked_for, write_atomically
+from apil_core.common.files import write_atomically
 from apil_core.common.statistics import Difference, difference
 from apil_core.config.game import spelt_out
 from apil_core.evaluation.fidelity.plan import RowPlan
@@ -21,99 +20,54 @@ from apil_core.plugins.registry import load_policy
 _NUMBERS = ("episodes", "seed", "num_envs")
 
 
-class FidelityFile:
-    """One JSON object per line; rewritten atomically with every row.
-
-    Args:
-        path: created with the first row if it is not there.
-
-    Raises:
-        ConfigError: the file is not writable, or a line is no row.
-    """
-
-    def __init__(self, path: Path):
-        self.path = path
-        check_place(path)
-        self.rows = _read(path)
-
-    @contextmanager
-    def alone(self) -> Iterator[None]:
-        """Lock the file against other processes, and read it again.
-
-        Raises:
-            ConfigError: another process holds the lock.
-        """
-        with locked_for(self.path, "apil fidelity"):
-            self.rows = _read(self.path)
-            yield
-
-    def played(
-        self, plans: Iterable[RowPlan], plugins: PluginRegistry
-    ) -> dict[tuple[object, ...], FidelityRow]:
-        """Rows of ``plans`` that are in the file, by identity.
-
-        Raises:
-            ConfigError: one of them was played with other settings than requested now.
-        """
-        here = {row.plan.identity: row for row in self.rows}
-        found = {}
-        for plan in plans:
-            row = here.get(plan.identity)
-            if row is not None:
-                self._check_same(plan, row, plugins)
-                # the published score may have been corrected since; the games are unchanged
-                found[plan.identity] = row.model_copy(update={"plan": plan})
-        return found
-
-    def add(self, row: FidelityRow) -> None:
-        """Add a row and write the file.
-
-        Raises:
-            RunDirError: the file cannot be written; its contents are unchanged.
-        """
-        self.rows.append(row)
-        computed = {"win", "win_or_tie"}
-        text = "".join(f"{kept.model_dump_json(exclude=computed)}\n" for kept in self.rows)
-        write_atomically(self.path, lambda file: file.write(text.encode()))
-
-    def _check_same(self, plan: RowPlan, row: FidelityRow, plugins: PluginRegistry) -> None:
-        """Compare everything that a row's numbers depend on."""
-        result, policies = row.result, (plan.adversary, plan.victim)
-        hashes = [load_policy(name, plugins=plugins).info.sha256 for name in policies]
-        here = spelt_out(plan.env, plan.options, plugins)
-        compared = {name: (getattr(result, name), getattr(plan, name)) for name in _NUMBERS}
-        compared["mujoco"] = (result.versions.get("mujoco"), metadata.version("mujoco"))
-        compared |= {f"game.{name}": (value, here[name]) for name, value in result.options_played.items()}
-        compared["adversary's sha256"] = (result.adversary.sha256, hashes[0])
-        compared["victim's sha256"] = (result.victim.sha256, hashes[1])
-        for name, (then, now) in compared.items():
-            if then != now:
-                raise ConfigError(
-                    f"{self.path} holds {plan.title} with {name} {then}, this call has {now}: "
-                    "take another --out file, or the same settings"
-                )
-
-
 def read_rows(path: Path) -> list[FidelityRow]:
-    """The rows of a file that ``apil fidelity --out`` wrote.
+    """The rows of a file that ``apil fidelity --out`` wrote, one JSON object per line.
 
     Raises:
         ConfigError: it is not there, or a line is no row.
     """
     if not path.is_file():
         raise ConfigError(f"{path}: no such file")
-    return _read(path)
-
-
-def _read(path: Path) -> list[FidelityRow]:
     rows = []
-    lines = path.read_text("utf-8").splitlines() if path.exists() else []
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(path.read_text("utf-8").splitlines(), start=1):
         try:
             rows.append(FidelityRow.model_validate_json(line))
         except ValidationError as error:
             raise ConfigError(f"{path}:{number}: this line is no row of apil fidelity") from error
     return rows
+
+
+def write_rows(path: Path, rows: Iterable[FidelityRow]) -> None:
+    """Write the file, whole or not at all.
+
+    Raises:
+        RunDirError: the file cannot be written; its contents are unchanged.
+    """
+    computed = {"win", "win_or_tie"}
+    text = "".join(f"{row.model_dump_json(exclude=computed)}\n" for row in rows)
+    write_atomically(path, lambda file: file.write(text.encode()))
+
+
+def check_same(path: Path, plan: RowPlan, row: FidelityRow, plugins: PluginRegistry) -> None:
+    """Compare everything that the numbers of a row in a file depend on with a plan.
+
+    Raises:
+        ConfigError: it was played with other settings than requested now.
+    """
+    result, policies = row.result, (plan.adversary, plan.victim)
+    hashes = [load_policy(name, plugins=plugins).info.sha256 for name in policies]
+    here = spelt_out(plan.env, plan.options, plugins)
+    compared = {name: (getattr(result, name), getattr(plan, name)) for name in _NUMBERS}
+    compared["mujoco"] = (result.versions.get("mujoco"), metadata.version("mujoco"))
+    compared |= {f"game.{name}": (value, here.get(name)) for name, value in result.options_played.items()}
+    compared["adversary's sha256"] = (result.adversary.sha256, hashes[0])
+    compared["victim's sha256"] = (result.victim.sha256, hashes[1])
+    for name, (then, now) in compared.items():
+        if then != now:
+            raise ConfigError(
+                f"{path} holds {plan.title} with {name} {then}, this call has {now}: "
+                "take another --out file, or the same settings"
+            )
 
 
 class Figure(BaseModel):

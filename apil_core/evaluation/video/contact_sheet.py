@@ -18,9 +18,6 @@ FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEBP"}
 LONGEST = {"PNG": 100_000, "JPEG": 65_500, "WEBP": 16_383}
 """Pixels a contact sheet may be wide or high, by format."""
 
-MOST = 50
-"""Snapshots a row may have."""
-
 _AREA = 150_000_000  # pixels of a whole sheet; six bytes each while it is put together
 
 _GAP = 4  # pixels of white between snapshots
@@ -41,8 +38,6 @@ def check_contact_sheet(path: Path, snapshots: int, games: int, size: tuple[int,
     kind = FORMATS.get(path.suffix.lower())
     if kind is None:
         raise ApilError(f"{path}: snapshots are written to {', '.join(FORMATS)} files")
-    if not 1 <= snapshots <= MOST:
-        raise ApilError(f"--snapshots takes 1 to {MOST}, got {snapshots}")
     width, height = _size(snapshots, games, *size)
     if max(width, height) > LONGEST[kind] or width * height > _AREA:
         raise ApilError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -25,8 +24,11 @@ from apil_core.api.game import Array, SideLayout
 from apil_core.common.errors import ConfigError
 
 
-class Actions(ABC):
+class Actions:
     """Conversion of a flat action to one of the environment.
+
+    Of ``Discrete(k)`` a flat action is k scores, of which the largest is chosen (the first of equals); of a
+    ``Box`` it is numbers in ±1, scaled linearly to the bounds of each component.
 
     Attributes:
         size: length of the flat action.
@@ -34,60 +36,30 @@ class Actions(ABC):
         shape, dtype: of the environment's action.
     """
 
-    size: int
-    bound: float
-    shape: tuple[int, ...]
-    dtype: Any
-
-    @abstractmethod
-    def native(self, actions: Array) -> Array:
-        """The environment's actions, (n, *shape), from flat ones, (n, size)."""
-
-    @abstractmethod
-    def single(self, native: Array) -> Any:
-        """One row of :meth:`native` as ``step`` takes it."""
-
-
-class Scores(Actions):
-    """``Discrete(k)``: k scores, the largest is chosen (the first of equals)."""
-
-    shape, dtype, bound = (), np.int64, np.inf
-
-    def __init__(self, space: Discrete):
-        self.size = int(space.n)
-        self._start = int(space.start)
-
-    def native(self, actions: Array) -> Array:
-        """See :class:`Actions`."""
-        return actions.argmax(1) + self._start
-
-    def single(self, native: Array) -> int:
-        """See :class:`Actions`."""
-        return int(native)
-
-
-class Scaled(Actions):
-    """``Box``: numbers in ±1, scaled linearly to the bounds of each component."""
-
-    bound = 1.0
-
-    def __init__(self, space: Box):
-        self.shape, self.dtype = space.shape, space.dtype
-        self.size = int(np.prod(space.shape))
+    def __init__(self, space: Box | Discrete):
+        self._space = space
+        self.shape: tuple[int, ...] = space.shape or ()
+        self.dtype: Any = space.dtype
+        if isinstance(space, Discrete):
+            self.size, self.bound, self.dtype = int(space.n), np.inf, np.int64
+            return
+        self.size, self.bound = int(np.prod(space.shape)), 1.0
         self._low, self._high = space.low.astype(np.float64), space.high.astype(np.float64)
         self._centre = self._low / 2 + self._high / 2
         self._half = self._high / 2 - self._low / 2
 
     def native(self, actions: Array) -> Array:
-        """See :class:`Actions`."""
+        """The environment's actions, (n, *shape), from flat ones, (n, size)."""
+        if isinstance(self._space, Discrete):
+            return actions.argmax(1) + int(self._space.start)
         unit = np.clip(actions, -1.0, 1.0).reshape(-1, *self.shape)
         values = np.clip(self._centre + unit * self._half, self._low, self._high)
         whole = np.issubdtype(self.dtype, np.integer)
         return (np.rint(values) if whole else values).astype(self.dtype)
 
-    def single(self, native: Array) -> Array:
-        """See :class:`Actions`."""
-        return native.copy()  # the environment may write to it
+    def single(self, native: Array) -> Any:
+        """One row of :meth:`native` as ``step`` takes it."""
+        return native.copy() if isinstance(self._space, Box) else int(native)  # step may write to it
 
 
 class Columns:
@@ -237,13 +209,11 @@ class Seat:
                 f"agent {agent!r}: its action_mask has {mask.stop - mask.start} numbers, its action space "
                 f"{action} {choices} choices"
             )
-        if isinstance(action, Discrete):
-            return cls(agent, observation, columns, Scores(action), mask)
-        if not isinstance(action, Box):
+        if not isinstance(action, Box | Discrete):
             raise ConfigError(f"agent {agent!r}: actions must be a Box or Discrete, these are {action}")
-        if not action.is_bounded("both"):
+        if isinstance(action, Box) and not action.is_bounded("both"):
             raise ConfigError(f"agent {agent!r}: actions need finite bounds, these are {action}")
-        return cls(agent, observation, columns, Scaled(action))
+        return cls(agent, observation, columns, Actions(action), mask)
 
     def native(self, actions: Array, observations: Array) -> Array:
         """The environment's actions, (n, …), of which none is forbidden by its mask.

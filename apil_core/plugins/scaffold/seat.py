@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from apil_core.api.game import SideLayout
-from apil_core.common.errors import UnknownNameError
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.plugins.registry import game_spec, make_game
+from apil_core.plugins.registry import game_spec, named_side
 
 
 @dataclass(frozen=True)
@@ -41,14 +40,6 @@ def find_seat(env: str, side: str | None, plugins: PluginRegistry) -> Seat:
         UnknownNameError: there is no such game, or it has no such side.
     """
     spec = game_spec(env, plugins)
-    game = make_game(env, num_envs=1, plugins=plugins)
-    try:
-        sides = game.layout.sides
-    finally:
-        game.close()
-    names = [one.name for one in sides]
-    if side is not None and side not in names:
-        raise UnknownNameError(f"side of {env}", side, names)
-    index = spec.victim_side if side is None else names.index(side)
+    layout, index = named_side(env, side, plugins)
     attacked = index == spec.victim_side
-    return Seat(env, sides[index], index, attacked, "auto" if attacked and spec.default_victim else "")
+    return Seat(env, layout.sides[index], index, attacked, "auto" if attacked and spec.default_victim else "")

@@ -9,8 +9,6 @@ from torch import Tensor
 
 from apil_core.api.game import Game
 from apil_core.api.policy import Policy
-from apil_core.api.types import View
-from apil_core.common.errors import VictimError
 from apil_core.common.seeds import stream_generator, stream_seed
 from apil_core.games.two_players import TwoPlayerGames
 from apil_core.runs.distillation.learner import Block
@@ -72,9 +70,6 @@ class Collector:
 
         Returns:
             the steps, observations as the game gave them, and the student's mean actions, (T, n, a).
-
-        Raises:
-            VictimError: the teacher has no distribution whose mean could be learnt.
         """
         device, seat = self.std.device, self.game.layout.sides[side]
         generator = stream_generator(self.seed, f"distillation {name}", device)
@@ -88,7 +83,9 @@ class Collector:
         games.reset()
         for t in range(steps):
             view = games.view(side)
-            label = self._label(view)
+            answer = self.teacher.act(view, sample=False).distribution
+            assert answer is not None, "checked when it was loaded"
+            label = answer.mean
             mean = label if student is None else student.act(view, sample=False).action
             acted = torch.where(roles.teacher_acts.unsqueeze(1), label, mean)
             noise = torch.randn(acted.shape, generator=generator, device=device) * self.std
@@ -98,11 +95,3 @@ class Collector:
             block.done[t] = torch.from_numpy(done)
             games.reset(done)
         return block, means
-
-    def _label(self, view: View) -> Tensor:
-        distribution = self.teacher.act(view, sample=False).distribution
-        if distribution is None:
-            raise VictimError(
-                f"{self.teacher.info.name} has no action distribution: its mean cannot be learnt"
-            )
-        return distribution.mean

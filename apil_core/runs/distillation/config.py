@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from apil_core.api.config import Section
 from apil_core.config.game import game_model, profile_problems
 from apil_core.config.layers import flag_layer, merge, set_layer
-from apil_core.config.problems import problems_of, raise_problems
+from apil_core.config.problems import raise_problems, validated
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import default_plugins
 
@@ -85,11 +85,7 @@ def settings(
         ConfigError: one line per mistake.
     """
     data, origins = merge({}, [flag_layer(flags), *map(set_layer, sets)])
-    try:
-        config = DistillConfig.model_validate(data)
-    except ValidationError as error:
-        raise_problems(problems_of(error, DistillConfig), origins)
-        raise
+    config = validated(DistillConfig, data, origins)
     model = game_model(config.env, plugins or default_plugins())
     raise_problems(profile_problems(data, model, config.env), origins)
     return config

@@ -14,9 +14,8 @@ from apil_core.common.statistics import Difference, difference
 from apil_core.evaluation.pairing import Pairing
 from apil_core.evaluation.progress import Progress
 from apil_core.evaluation.results import EvaluationResult
-from apil_core.evaluation.score import MAX_PARALLEL_GAMES, score
+from apil_core.evaluation.score import parallel_games, score
 from apil_core.plugins.discovery import PluginRegistry
-from apil_core.plugins.registry import make_game
 from apil_core.runs.distillation.collector import Roles
 from apil_core.runs.distillation.learner import kl_nats
 from apil_core.runs.distillation.trainer import DistillTrainer
@@ -87,19 +86,12 @@ def compare(student: EvaluationResult, teacher: EvaluationResult) -> dict[str, A
 def scores_of(
     trainer: DistillTrainer, student: Policy, progress: Progress, plugins: PluginRegistry
 ) -> dict[str, EvaluationResult]:
-    """Score student and teacher on the same games, as many in parallel as in ``apil eval``."""
+    """Score student and teacher on the same games."""
     config = trainer.config
     if not config.episodes:
         return {}
-    run = RunConfig(env=config.env, game=config.game, device=config.device)
-    game = make_game(
-        config.env,
-        num_envs=min(config.episodes, MAX_PARALLEL_GAMES),
-        threads=config.threads,
-        options=config.game,
-        plugins=plugins,
-    )
-    with closing(game):
+    run = RunConfig(env=config.env, game=config.game, device=config.device, threads=config.threads)
+    with closing(parallel_games(run, config.episodes, plugins)) as game:
         return {
             who: score(
                 Pairing(run, game, policy, trainer.opponent, trainer.side),

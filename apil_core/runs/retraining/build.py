@@ -16,7 +16,6 @@ from apil_core.common.torch_threads import one_torch_thread
 from apil_core.plugins.default_victim import default_baseline
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.hook_manager import RunHookManager
-from apil_core.plugins.registry import make_game
 from apil_core.policies.frozen_policy import FrozenPolicy, StoredCritic
 from apil_core.policies.loading import LoadOptions, load_victim
 from apil_core.policies.network import NetworkShape, PolicyNetwork, Standardizer, Weights
@@ -28,7 +27,7 @@ from apil_core.runs.retraining.trainable import LINEAR, trainable
 from apil_core.runs.retraining.trainer import RetrainTrainer
 from apil_core.runs.runner import check_recorders
 from apil_core.training.attack_env import AttackEnv
-from apil_core.training.build import RunParts, check_device, generators
+from apil_core.training.build import RunParts, check_device, generators, seeded_games
 from apil_core.training.distributed.world import ALONE
 from apil_core.training.networks import mlp
 from apil_core.training.recurrent_ppo import NetworkLearner, NetworkModel
@@ -46,11 +45,8 @@ def prepare(config: RetrainConfig, plugins: PluginRegistry) -> RetrainTrainer:
     _check_numbers(config)
     check_recorders(config, plugins)
     config = _with_baseline(config, plugins)
-    game = make_game(
-        config.env, num_envs=config.num_envs, threads=config.threads, options=config.game, plugins=plugins
-    )
+    game = seeded_games(config, plugins, ALONE, "training games")
     try:
-        game.seed(stream_seed(config.seed, "training games"))
         torch.manual_seed(config.seed)
         victim = load_victim(
             config.victim, game, config.victim_side, config.device, plugins, LoadOptions(config.trust)

@@ -7,14 +7,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import create_model
 
 from apil_core.api.config import RunConfig
 from apil_core.common.documents import plain
 from apil_core.common.errors import ConfigError
 from apil_core.config.game import game_model, profile_problems, settled
 from apil_core.config.layers import POLICY_NAME, Layer, flag_layer, merge, set_layer
-from apil_core.config.problems import problems_of, raise_problems
+from apil_core.config.problems import raise_problems, validated
 from apil_core.plugins.default_victim import default_victim
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import plugins_with
@@ -138,18 +138,10 @@ def _checked(base: dict[str, Any], asked: Sequence[Layer], plugins: PluginRegist
         raise ConfigError("say which game the adversaries play: --env GAME")
     if base.get("env") not in (None, env):
         raise ConfigError(f"the adversaries were trained on {base['env']}; they cannot play {env}")
-    spec, model = plugins.game(env), game_model(env, plugins)
-    layers = settled([Layer({"game": base.get("game", {})}), *asked], model)
+    spec, options = plugins.game(env), game_model(env, plugins)
+    layers = settled([Layer({"game": base.get("game", {})}), *asked], options)
     own = {"victim": default_victim(spec, plugins), "victim_side": spec.victim_side, **base, "game": {}}
     data, origins = merge(own, layers)
-    raise_problems(profile_problems(data, model, env), origins)
-    try:
-        data["game"] = plain(model.model_validate(data["game"]))
-    except ValidationError as error:
-        found = problems_of(error, model)
-        raise_problems([type(each)(("game", *each.key), each.reason) for each in found], origins)
-    try:
-        return RetrainConfig.model_validate(data)
-    except ValidationError as error:
-        raise_problems(problems_of(error, RetrainConfig), origins)
-        raise
+    raise_problems(profile_problems(data, options, env), origins)
+    model = create_model("RetrainSettings", __base__=RetrainConfig, game=(options, ...))
+    return RetrainConfig.model_validate(plain(validated(model, data, origins)))

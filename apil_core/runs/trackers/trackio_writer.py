@@ -12,13 +12,13 @@ import signal
 import sqlite3
 import sys
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import closing
 from typing import Any
 
 
-class Writer:
-    """Writes the rows of one run.
+def begin(start: Mapping[str, Any]) -> Any:
+    """Begin or continue a run; returns trackio's.
 
     Args:
         start: ``project``, ``name``, ``group`` and ``config``.
@@ -27,44 +27,41 @@ class Writer:
         RuntimeError: the configured server cannot be reached.
         Exception: any error of trackio.
     """
+    import trackio
 
-    def __init__(self, start: Mapping[str, Any]):
-        import trackio
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        run = trackio.init(**start, resume="allow", embed=False)
+    lost = [f"{each.message}" for each in caught if "trackio.init() could not" in f"{each.message}"]
+    if lost:
+        run._stop_flag.set()
+        raise RuntimeError(lost[0])
+    return run
 
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            self._run = trackio.init(**start, resume="allow", embed=False)
-        lost = [f"{each.message}" for each in caught if "trackio.init() could not" in f"{each.message}"]
-        if lost:
-            self._run._stop_flag.set()
-            raise RuntimeError(lost[0])
-        self._first = True
-        self._finish = trackio.finish
 
-    def record(self, row: Mapping[str, Any]) -> None:
-        """Log a row; the first one replaces all from its first step on."""
-        if "final/steps" in row:
-            self._run.log(dict(row), step=int(row["final/steps"]))
-            return
-        step = int(row["steps"])
-        if self._first:
-            self._go_back_to(step - int(row.get("row_steps", 1)) + 1)
-            self._first = False
-        self._run.log(dict(row), step=step)
+def write(run: Any, rows: Iterable[str]) -> None:
+    """Log rows of JSON at their steps; the first one replaces all from its first step on."""
+    import trackio
 
-    def close(self) -> None:
-        """Wait until all is stored."""
-        self._finish()
+    first = True
+    for row in map(json.loads, rows):
+        final = "final/steps" in row
+        step = int(row["final/steps" if final else "steps"])
+        if first and not final:
+            go_back(run, step - int(row.get("row_steps", 1)) + 1)
+            first = False
+        run.log(row, step=step)
+    trackio.finish()  # waits until all is stored
 
-    def _go_back_to(self, first: int) -> None:
-        """Delete stored rows beyond the checkpoint that the run resumes from."""
-        from trackio.sqlite_storage import SQLiteStorage
 
-        path = SQLiteStorage.get_project_db_path(self._run.project)
-        if not path.is_file():
-            return
+def go_back(run: Any, first: int) -> None:
+    """Delete stored rows beyond the checkpoint that the run resumes from."""
+    from trackio.sqlite_storage import SQLiteStorage
+
+    path = SQLiteStorage.get_project_db_path(run.project)
+    if path.is_file():
         with closing(sqlite3.connect(path, timeout=30)) as database, database:
-            database.execute("DELETE FROM metrics WHERE run_id = ? AND step >= ?", (self._run.id, first))
+            database.execute("DELETE FROM metrics WHERE run_id = ? AND step >= ?", (run.id, first))
 
 
 def main() -> None:
@@ -74,7 +71,7 @@ def main() -> None:
     with os.fdopen(os.dup(1), "w") as answers:
         os.dup2(2, 1)  # trackio prints
         try:
-            writer = Writer(json.loads(sys.stdin.readline()))
+            run = begin(json.loads(sys.stdin.readline()))
         except Exception as error:
             text = " ".join(str(error).split()) or type(error).__name__
             answers.write(json.dumps({"error": text}) + "\n")
@@ -83,9 +80,7 @@ def main() -> None:
         answers.flush()
         sys.stdout.flush()
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # a live view may use the terminal from here on
-        for line in sys.stdin:
-            writer.record(json.loads(line))
-        writer.close()
+        write(run, sys.stdin)
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ class WandbRecorder:
     dispensable = True
 
     def __init__(self, run_dir: Path):
-        wandb = _wandb()
+        wandb = need("wandb")
         tracked = TrackedRun.of(run_dir)
         with one_line(self.name, _HINT):
             settings = wandb.setup().settings
@@ -82,16 +82,12 @@ def check() -> None:
     Raises:
         ApilError: wandb is not installed, not logged in, or does not reach its server.
     """
-    wandb = _wandb()
+    wandb = need("wandb")
     with one_line("wandb", _HINT):
         if wandb.setup().settings.mode in (*_OFFLINE, "disabled") or wandb.run is not None:
             return
         if not wandb.login(prompt=False, verify=True):
             raise ApilError(f"recorder wandb: not logged in: run `wandb login` ({_HINT})")
-
-
-def _wandb() -> Any:
-    return need("wandb")
 
 
 def _ours(tracked: TrackedRun, settings: Any) -> dict[str, Any]:

@@ -68,7 +68,7 @@ def analyze(
     participants = found.participants
     return ActivationMap(
         **map_,
-        env=participants.env,
+        env=participants.setting.env,
         victim=participants.victims[0].name,
         victim_sha256=participants.victims[0].sha256,
         layer=LAYER,

@@ -296,11 +296,10 @@ def load_matrix(name: str) -> Matrix:
     Raises:
         ConfigError: it cannot be read or is wrong, one line per mistake with file and line.
     """
-    from pydantic import ValidationError
 
     from apil_core.common.trust import named_in
     from apil_core.config.layers import from_folder, parse_yaml
-    from apil_core.config.problems import Problem, problems_of, raise_problems
+    from apil_core.config.problems import Problem, raise_problems, validated
 
     text, origin = matrix_text(name)
     data, lines = parse_yaml(text, origin)
@@ -319,8 +318,4 @@ def load_matrix(name: str) -> Matrix:
     if isinstance(version, int) and version > MATRIX_VERSION:
         reason = f"is {version}, newer than this apil understands ({MATRIX_VERSION}): upgrade apil"
         raise_problems([Problem(("version",), reason)], origins)
-    try:
-        return Matrix.model_validate(data)
-    except ValidationError as error:
-        raise_problems(problems_of(error, Matrix), origins)
-        raise
+    return validated(Matrix, data, origins)

@@ -130,8 +130,7 @@ def run_study(
     if workers > 1 and space.config.method in defined:
         raise ConfigError(f"method {space.config.method!r} is this process's: workers must be 1")
     trainer, _ = prepared(space.config, space.plugins, ALONE)  # every check of a run, once
-    trainer.attack.game.close()
-    trainer.side_games.close()
+    trainer.close()
     space.config = trainer.config.model_copy(update={"threads": space.config.threads})
     with directory.lock():
         directory.begin(space)

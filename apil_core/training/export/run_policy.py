@@ -15,7 +15,7 @@ from apil_core.common.files import sha256
 from apil_core.config.absent import completed
 from apil_core.config.kind import is_retraining
 from apil_core.plugins.discovery import PluginRegistry, discover
-from apil_core.plugins.registry import make_game
+from apil_core.plugins.registry import layout_of
 from apil_core.policies.loading import victim_side
 from apil_core.training.adversary import AdversaryPolicy
 from apil_core.training.build import adversary_policy
@@ -121,11 +121,7 @@ def load(name: str, *, seat: SideLayout | None, plugins: PluginRegistry, device:
     config = source.run_dir.config().model_copy(update={"device": device})
     plugins = discover(config.plugins) if config.plugins else plugins
     config = completed(config, plugins)
-    game = make_game(config.env, num_envs=1, threads=1, options=config.game, plugins=plugins)
-    try:
-        layout = game.layout
-    finally:
-        game.close()
+    layout = layout_of(config.env, config.game, plugins)
     trained = layout.sides[1 - victim_side(config, plugins)]
     if seat not in (None, trained):
         assert seat is not None
