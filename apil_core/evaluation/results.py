@@ -8,7 +8,7 @@ from pydantic import BaseModel
 
 from apil_core.api.config import ActionMode, BlindMode, RunConfig
 from apil_core.common.documents import EXACT
-from apil_core.common.statistics import wilson_interval
+from apil_core.common.statistics import Difference, difference, wilson_interval
 
 if TYPE_CHECKING:
     from apil_core.api.policy import PolicyInfo
@@ -90,6 +90,12 @@ class EvaluationResult(MatchSetup):
     blind_imitator: bool = False
     blind_victim: BlindMode | None = None
     wall_seconds: float
+
+
+def gap(score: EvaluationResult, base: EvaluationResult, *, ties: bool) -> Difference:
+    """Share of games won (with ``ties``: or tied) minus that of ``base``, with Newcombe's 95 % interval."""
+    counts = [each.wins + ties * each.ties for each in (score, base)]
+    return difference(counts[0], score.episodes, counts[1], base.episodes)
 
 
 def wilson(count: int, total: int) -> Rate:

@@ -8,9 +8,9 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from apil_core.common.statistics import Difference, difference
+from apil_core.common.statistics import Difference
 from apil_core.config.game import stored_game, stored_physics
-from apil_core.evaluation.results import EvaluationResult, Rate, in_words, with_observers_played
+from apil_core.evaluation.results import EvaluationResult, Rate, gap, in_words, with_observers_played
 from apil_core.studies.curves.curves import final_score
 from apil_core.studies.curves.groups import seed_groups
 from apil_core.training.storage.run_dir import RunDir
@@ -69,10 +69,8 @@ def compare(runs: Sequence[RunDir]) -> Comparison:
     first = scores[0]
     for row, score in list(zip(rows, scores, strict=True))[1:]:
         if first is not None and score is not None:
-            row.win_difference = difference(score.wins, score.episodes, first.wins, first.episodes)
-            row.win_or_tie_difference = difference(
-                score.wins + score.ties, score.episodes, first.wins + first.ties, first.episodes
-            )
+            row.win_difference = gap(score, first, ties=False)
+            row.win_or_tie_difference = gap(score, first, ties=True)
     warnings = [*_warnings(rows), *_other_options(runs)]
     return Comparison(rows=rows, spreads=_spreads(runs, rows), warnings=warnings)
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Literal, Self, get_args
 
 from pydantic import BaseModel, model_validator
 
 from apil_core.common.documents import JsonDocument
-from apil_core.common.statistics import Difference, difference
-from apil_core.evaluation.results import EvaluationResult, PolicyId, Rate
+from apil_core.common.statistics import Difference
+from apil_core.evaluation.results import EvaluationResult, PolicyId, Rate, gap
 
 Share = Literal["win", "win_or_tie"]
 """Games the adversary won; games it did not lose."""
@@ -102,12 +102,5 @@ def _comparisons(document: CrossPlay, share: Share) -> Iterator[Comparison]:
                         victim=document.victims[j].label,
                         base_adversary=document.adversaries[a].label,
                         base_victim=document.victims[v].label,
-                        difference=_difference(score, base, share),
+                        difference=gap(score, base, ties=share == "win_or_tie"),
                     )
-
-
-def _difference(score: EvaluationResult, base: EvaluationResult, share: Share) -> Difference:
-    counts: Sequence[int] = [
-        each.wins + (each.ties if share == "win_or_tie" else 0) for each in (score, base)
-    ]
-    return difference(counts[0], score.episodes, counts[1], base.episodes)

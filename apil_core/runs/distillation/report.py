@@ -10,10 +10,10 @@ from pydantic import BaseModel
 
 from apil_core.api.config import RunConfig
 from apil_core.api.policy import Policy
-from apil_core.common.statistics import Difference, difference
+from apil_core.common.statistics import Difference
 from apil_core.evaluation.pairing import Pairing
 from apil_core.evaluation.progress import Progress
-from apil_core.evaluation.results import EvaluationResult
+from apil_core.evaluation.results import EvaluationResult, gap
 from apil_core.evaluation.score import parallel_games, score
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.runs.distillation.collector import Roles
@@ -72,17 +72,6 @@ def action_error(trainer: DistillTrainer, student: Policy, *, perturbed: bool) -
     )
 
 
-def compare(student: EvaluationResult, teacher: EvaluationResult) -> dict[str, Any]:
-    """Student minus teacher, with Newcombe's 95 % intervals."""
-    games = student.episodes, teacher.episodes
-    wins = student.wins, teacher.wins
-    unlost = student.wins + student.ties, teacher.wins + teacher.ties
-    return {
-        "win_difference": difference(wins[0], games[0], wins[1], games[1]),
-        "win_or_tie_difference": difference(unlost[0], games[0], unlost[1], games[1]),
-    }
-
-
 def scores_of(
     trainer: DistillTrainer, student: Policy, progress: Progress, plugins: PluginRegistry
 ) -> dict[str, EvaluationResult]:
@@ -111,7 +100,10 @@ def make_report(trainer: DistillTrainer, student: Policy, scores: dict[str, Any]
         student: the finished one.
         scores: ``student_score`` and ``teacher_score``, or nothing.
     """
-    config = trainer.config
+    config, found = trainer.config, dict(scores)
+    if scores:
+        for name, ties in (("win_difference", False), ("win_or_tie_difference", True)):
+            found[name] = gap(scores["student_score"], scores["teacher_score"], ties=ties)
     return Report(
         student=student.info.sha256,
         teacher=config.teacher,
@@ -121,6 +113,5 @@ def make_report(trainer: DistillTrainer, student: Policy, scores: dict[str, Any]
         steps=trainer.steps,
         action_error=action_error(trainer, student, perturbed=False),
         perturbed_action_error=action_error(trainer, student, perturbed=True),
-        **scores,
-        **(compare(scores["student_score"], scores["teacher_score"]) if scores else {}),
+        **found,
     )

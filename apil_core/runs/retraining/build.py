@@ -102,25 +102,24 @@ def _pinned(config: RetrainConfig, victim: Policy, opponents: dict[str, Policy])
     Raises:
         VictimError: a policy's weights have changed.
     """
-    infos = [policy.info for policy in opponents.values()]
-    many = len(config.adversaries)
-    baseline = infos[many] if len(infos) > many else None
-    digests = (victim.info.sha256, *(info.sha256 for info in infos))
-    names = (victim.info.name, *(info.name for info in infos))
-    before = (config.victim_sha256, *(config.adversary_sha256 or [""] * many), config.baseline_sha256)
-    for name, expected, actual in zip(names, before, digests, strict=False):
-        if expected not in ("", actual):
+    infos = [victim.info, *(policy.info for policy in opponents.values())]
+    many = 1 + len(config.adversaries)
+    before = (config.victim_sha256, *(config.adversary_sha256 or [""] * (many - 1)), config.baseline_sha256)
+    for info, expected in zip(infos, before, strict=False):
+        if expected not in ("", info.sha256):
             raise VictimError(
-                f"{name} has changed since the retraining began: SHA-256 {actual}, expected {expected}"
+                f"{info.name} has changed since the retraining began: SHA-256 {info.sha256}, "
+                f"expected {expected}"
             )
+    names, digests = ([*(getattr(info, key) for info in infos), ""] for key in ("name", "sha256"))
     return config.model_copy(
         update={
-            "victim": victim.info.name,
-            "victim_sha256": victim.info.sha256,
-            "adversaries": tuple(info.name for info in infos[:many]),
-            "adversary_sha256": tuple(info.sha256 for info in infos[:many]),
-            "baseline": baseline.name if baseline else "",
-            "baseline_sha256": baseline.sha256 if baseline else "",
+            "victim": names[0],
+            "victim_sha256": digests[0],
+            "adversaries": tuple(names[1:many]),
+            "adversary_sha256": tuple(digests[1:many]),
+            "baseline": names[many],  # the last, or none
+            "baseline_sha256": digests[many],
         }
     )
 
