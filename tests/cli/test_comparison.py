@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from apil_core.studies.comparison import difference
+from apil_core.common.statistics import difference
 
 
 def test_newcombes_interval_by_hand() -> None:

@@ -187,8 +187,7 @@ def _rows(kind: RowKind, spec: GameSpec, matchup: Matchup, request: FidelityOpti
 
 
 def _default_modes() -> dict[str, ActionMode]:
-    config = EvaluationConfig()
-    return {"adversary_actions": config.adversary_actions, "victim_actions": config.victim_actions}
+    return EvaluationConfig().model_dump(include=set(_MODE_KEYS))
 
 
 def _model(spec: GameSpec) -> type[BaseModel] | None:

@@ -23,7 +23,7 @@ from apil_core.runs.distillation.distill_dir import DistillDir
 from apil_core.runs.distillation.report import Report, make_report, scores_of
 from apil_core.runs.distillation.trainer import DistillTrainer, Entry
 from apil_core.training.storage import checkpoint
-from apil_core.training.storage.environment import environment
+from apil_core.training.storage.environment import code_and_time
 
 OnStage = Callable[[Entry, int], None]
 
@@ -114,7 +114,6 @@ def _go(
 def _write_student(trainer: DistillTrainer, directory: DistillDir, more: dict[str, Any]) -> FrozenPolicy:
     """Write the student's file and read it back, so that the scored student is the stored one."""
     weights = trainer.weights()
-    made = environment(())
     config, teacher = trainer.config, trainer.teacher.info
     provenance = {
         "teacher": teacher.name,
@@ -125,8 +124,7 @@ def _write_student(trainer: DistillTrainer, directory: DistillDir, more: dict[st
         "steps": trainer.steps,
         "network": f"{config.network} {config.width if config.network != 'mlp' else ''}".strip(),
         "seed": config.seed,
-        "code": f"apil {made['versions']['apil']}, git {made['git'] or 'unknown'}",
-        "time": made["time"],
+        **code_and_time(),
         **more,
     }
     save_policy(directory.student_path, trainer.shape, weights, provenance)

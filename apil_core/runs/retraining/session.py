@@ -20,7 +20,7 @@ from apil_core.runs.retraining.folder import RetrainDir, name_of
 from apil_core.runs.retraining.trainer import RetrainTrainer
 from apil_core.runs.session import Session
 from apil_core.runs.stop_signal import Stopped
-from apil_core.training.storage.environment import environment
+from apil_core.training.storage.environment import code_and_time
 
 Scores = dict[str, EvaluationResult]
 
@@ -173,7 +173,7 @@ class RetrainSession(Session):
         return {**super()._state(), "before": before}
 
     def _write_victim(self) -> None:
-        config, made = self.retraining, environment(())
+        config = self.retraining
         provenance = {
             "victim": config.victim,
             "victim_sha256": config.victim_sha256,
@@ -182,8 +182,7 @@ class RetrainSession(Session):
             **{f"{label}_sha256": info.sha256 for label, info in self.trainer.opponents.items()},
             "steps": self.trainer.steps,
             "seed": config.seed,
-            "code": f"apil {made['versions']['apil']}, git {made['git'] or 'unknown'}",
-            "time": made["time"],
+            **code_and_time(),
         }
         shape, weights = self.trainer.hardened()
         save_policy(self.run_dir.victim_path, shape, weights, provenance)

@@ -32,6 +32,15 @@ def environment(command: Sequence[str]) -> dict[str, Any]:
     }
 
 
+def code_and_time() -> dict[str, str]:
+    """What a policy's file says of its making: ``code`` (version and git state) and ``time``."""
+    made = environment(())
+    return {
+        "code": f"apil {made['versions']['apil']}, git {made['git'] or 'unknown'}",
+        "time": made["time"],
+    }
+
+
 def _version(package: str) -> str:
     try:
         return metadata.version(package)
