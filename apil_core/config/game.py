@@ -8,6 +8,7 @@ stay; flags and ``--set`` count as one layer.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 from pydantic import BaseModel, create_model
@@ -93,13 +94,18 @@ def with_game_options(
         ConfigError: one line per mistake.
     """
     own = game_model(config.env, plugins)
-    model = create_model("Settings", __base__=Section, game=(own, ...))
+    model = _settings_model(own)
     origins: dict[Key, str] = {("game", key): "game_options" for key in options or {}}
     given = Layer({"game": dict(options or {})}, origins, command_line=True)
     asked = [flag_layer({f"game.{PHYSICS}": physics}), given, *map(set_layer, sets)]
     data, written = merge({"game": {}}, settled([Layer({"game": config.game}), *asked], own))
     raise_problems(profile_problems(data, own, config.env), written)
     return config.model_copy(update=plain(validated(model, data, written)), deep=True)
+
+
+@lru_cache(maxsize=32)  # takes 4 ms to make, and a report asks for it once a score
+def _settings_model(own: type[BaseModel]) -> type[BaseModel]:
+    return create_model("Settings", __base__=Section, game=(own, ...))
 
 
 def spelt_out(env: str, options: Mapping[str, Any], plugins: PluginRegistry) -> dict[str, Any]:

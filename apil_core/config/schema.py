@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Any
 
 from pydantic import BaseModel, Field, create_model
@@ -28,13 +29,20 @@ def full_model(
         parts: methods and observers whose options are allowed.
         env: the game; ``None`` leaves its options untyped.
     """
-    sections: Any = {
-        spec.name: (options_model(spec.config, titled(spec)), ...) for spec in parts if spec.config
-    }
-    fields: Any = {"options": _field("options", create_model("MethodOptions", __base__=Section, **sections))}
-    if env is not None:
-        reference = plugins.game(env).config
-        fields["game"] = _field("game", options_model(reference) if reference else NoOptions)
+    sections = tuple((spec.name, options_model(spec.config, titled(spec))) for spec in parts if spec.config)
+    reference = plugins.game(env).config if env is not None else None
+    game = options_model(reference) if reference else NoOptions if env is not None else None
+    return _full_model(sections, game)
+
+
+@lru_cache(maxsize=32)  # takes 5 ms to make, and a matrix or a search space asks for hundreds
+def _full_model(
+    sections: tuple[tuple[str, type[BaseModel]], ...], game: type[BaseModel] | None
+) -> type[RunConfig]:
+    options: Any = {name: (model, ...) for name, model in sections}
+    fields: Any = {"options": _field("options", create_model("MethodOptions", __base__=Section, **options))}
+    if game is not None:
+        fields["game"] = _field("game", game)
     return create_model("RunConfig", __base__=RunConfig, **fields)
 
 

@@ -12,6 +12,8 @@ import os
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cache
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -252,10 +254,13 @@ def _ask(record: PluginRecord, plugin: Any) -> dict[str, dict[str, Any]]:
     return offers
 
 
+_adapter: Any = cache(TypeAdapter)  # of a few classes, asked for once a spec
+
+
 def _check_fields(spec: Any, name: object) -> None:
     """Check that every field has a value of its type, so that listings cannot fail on one."""
     try:
-        TypeAdapter(type(spec)).validate_python(asdict(spec))
+        _adapter(type(spec)).validate_python(asdict(spec))
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))
@@ -273,9 +278,12 @@ def discover(files: Sequence[str | Path] = (), *, forgiving: bool = False) -> Pl
         forgiving: record missing files like any other broken plugin instead.
     """
     registry = PluginRegistry()
-    entry_points = importlib.metadata.entry_points(group=ENTRY_POINT_GROUP)
-    for entry_point in sorted(entry_points, key=lambda e: (e.dist is None or e.dist.name != PROJECT, e.name)):
-        version = entry_point.dist.version if entry_point.dist else ""
+    told = cache(attrgetter("metadata"))  # each access parses a file
+    about = {
+        e: told(e.dist) if e.dist else {} for e in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP)
+    }
+    for entry_point in sorted(about, key=lambda e: (about[e].get("Name") != PROJECT, e.name)):
+        version = about[entry_point].get("Version", "")
         record = PluginRecord(entry_point.name, version, f"entry point {entry_point.value}")
         if any(r.name == record.name for r in registry.records):
             registry.add_failure(record, PluginError(f"a plugin named {record.name!r} exists already"))

@@ -17,8 +17,6 @@ from apil_core.common.errors import ApilError, ConfigError
 from apil_core.common.files import why_unwritable
 from apil_core.plugins.discovery import discover
 
-from .measure import measure
-from .picture import draw_speed
 from .plan import CellPlan, SpeedRequest, make_plan
 from .report import SpeedReport
 from .table import print_report
@@ -60,6 +58,8 @@ def speed(
     seconds apart, show the cost of everything else. Numbers are medians and quartiles over blocks; see
     docs/benchmarking.md. Ctrl-C keeps the settings that are finished.
     """
+    from .measure import measure  # imports torch, as --help need not
+
     plugins = discover(plugin or [])
     cells = make_plan(request or SpeedRequest(), plugins)
     if out is not None:
@@ -71,6 +71,8 @@ def speed(
 
     def keep(report: SpeedReport) -> None:
         if out is not None:
+            from .picture import draw_speed
+
             report.write(out / REPORT)
             draw_speed(report, out / PICTURE)
 

@@ -17,7 +17,6 @@ from apil_core.config.layers import preset_names
 from apil_core.config.resolve import resolve
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import options_model
-from apil_core.policies.loading import victim_name
 
 from .report import LEVELS, Level
 
@@ -177,6 +176,8 @@ def make_plan(request: SpeedRequest, plugins: PluginRegistry) -> list[CellPlan]:
         for game in _options(env, request, plugins)
         for size in sizes
     ]
+    from apil_core.policies.loading import victim_name  # imports torch, as --help need not
+
     for cell in cells:
         victim_name(cell.any_config, plugins)
     return cells

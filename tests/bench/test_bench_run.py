@@ -156,7 +156,7 @@ def register_methods():
 def test_a_process_that_ends_without_its_result_has_failed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    """Whatever its exit code, and in a process of its own."""
+    """Whatever its exit code, and in a process of its own; beside one that is done."""
     plugin = tmp_path / "leaver.py"
     plugin.write_text("""
 import os
@@ -172,10 +172,10 @@ def register_methods():
     return [MethodSpec(name="leaver", factory="leaver:Leaver")]
 """)
     config = {**small_matrix().config, "plugins": [str(plugin)]}
-    path = written(tmp_path / "m.yaml", small_matrix(methods=["leaver"], config=config))
+    path = written(tmp_path / "m.yaml", small_matrix(methods=["leaver", "adrl"], config=config))
     assert call(path, "--out", tmp_path / "b", "--quiet", "--json", "--trust") == 1
     told = json.loads(capsys.readouterr().out)
-    assert told["jobs"] == {"cells/toy-pursuit/leaver/s0": "failed"}
+    assert told["jobs"] == {"cells/toy-pursuit/leaver/s0": "failed", CELL: "done"}
     assert told["failures"] == {"cells/toy-pursuit/leaver/s0": "its process ended without its result"}
 
 

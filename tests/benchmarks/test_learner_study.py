@@ -38,7 +38,7 @@ def test_what_the_variants_change_is_the_preset():
 
 def test_a_run_is_summed_up(study, tmp_path):
     out = tmp_path / "kick-and-defend" / "adrl-white-s3"
-    run(small_config("adrl", steps=60_000, evaluation={"episodes": 20}), out=out)
+    run(small_config("adrl", steps=8 * 8192, num_envs=512, evaluation={"episodes": 20}), out=out)
     found = study.summary(out)
     assert (found["game"], found["method"], found["variant"], found["seed"]) == (
         *("kick-and-defend", "adrl", "white"),

@@ -62,13 +62,13 @@ def test_tables_files_and_lines_of_progress(speed: Speed, tmp_path: Path) -> Non
 
 
 def test_json_and_silence(speed: Speed) -> None:
-    flags = ("--methods", "e_apil", "--methods", "adrl", "--num-envs", "4", "--levels", "game,training")
+    flags = ("--methods", "apl", "--methods", "adrl", "--num-envs", "4", "--levels", "game,training")
     done = speed(*SMALL, *flags, "--quiet", "--json")
     assert (done.code, done.err) == (0, "")
     document = json.loads(done.out)
     assert [(row["level"], row["method"]) for row in document["rows"]] == [
         ("game", None),
-        ("training", "e_apil"),
+        ("training", "apl"),
         ("training", "adrl"),
     ]
     assert document["machine"]["versions"]["apil"]

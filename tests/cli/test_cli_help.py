@@ -19,43 +19,25 @@ method env victim steps num-envs threads seed preset config set plugin out devic
 LIGHT = """
 import sys
 from apil_core.cli import main
-try:
-    main({arguments!r})
-except SystemExit as end:
-    assert end.code in (0, 1), end.code
-print([name for name in ("torch", "mujoco", "statsmodels", "tensordict") if name in sys.modules])
+for command in sys.argv[1:]:
+    try:
+        main(command.split())
+    except SystemExit as end:
+        assert end.code in (0, 1), end.code
+    for name in ("torch", "mujoco", "statsmodels", "tensordict"):
+        assert name not in sys.modules, f"apil {command} imports {name}"
 """
 
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["--help"],
-        ["--version"],
-        ["run", "--help"],
-        ["eval", "--help"],
-        ["fidelity", "--help"],
-        ["play", "--help"],
-        ["export", "--help"],
-        ["retrain", "--help"],
-        ["victims", "check", "--help"],
-        ["bench", "run", "--help"],
-        ["new", "victim", "--help"],
-        ["config", "diff", "paper", "apil-code"],
-        ["config", "show", "--method", "e_apil", "--env", "coin", "--plugin", str(COIN)],
-        ["config", "schema"],
-        ["plugins"],
-        ["methods"],
-        ["games"],
-        ["completion", "bash"],
-    ],
-    ids=" ".join,
+LOOKING_AROUND = (
+    *("--help", "--version", "run --help", "eval --help", "fidelity --help", "play --help", "export --help"),
+    *("retrain --help", "victims check --help", "bench run --help", "new victim --help"),
+    *("config diff paper apil-code", f"config show --method e_apil --env coin --plugin {COIN}"),
+    *("config schema", "plugins", "methods", "games", "completion bash"),
 )
-def test_looking_around_imports_nothing_heavy(arguments: list[str]) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", LIGHT.format(arguments=arguments)], capture_output=True, text=True, check=False
-    )
-    assert done.stdout.splitlines()[-1:] == ["[]"], done.stdout[-300:] + done.stderr[-2000:]
+
+
+def test_looking_around_imports_nothing_heavy() -> None:
+    subprocess.run([sys.executable, "-c", LIGHT, *LOOKING_AROUND], stdout=subprocess.DEVNULL, check=True)
 
 
 def test_help_answers_within_half_a_second() -> None:

@@ -19,7 +19,10 @@ from apil_core.training.storage.run_dir import RunDir
 from apil_envs import gl
 from cli.cli_helpers import SMALL, TINY, Apil
 
-TOY = ("--env", "toy-pursuit", "--method", "apil", "--num-envs", "32", "--steps", "3k", "--threads", "1")
+TOY = (
+    *("--env", "toy-pursuit", "--method", "apil", "--num-envs", "32", "--steps", "3k", "--threads", "1"),
+    *("--set", "options.apil.imitator.minibatches=2", "--set", "options.apil.discriminator.minibatches=2"),
+)
 """Flags of a training after which some 60 games have ended, 1 in 7 of them won."""
 
 EVADER = "scripted:toy-pursuit/evader/v1"

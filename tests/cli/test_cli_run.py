@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from bench.small_matrix import Here
 
 from cli.cli_helpers import SMALL, TINY, Apil
 
@@ -47,7 +48,10 @@ def test_quiet_shows_no_progress(apil: Apil, tmp_path: Path) -> None:
     assert "win or tie" in done.out
 
 
-def test_seeds_train_together_are_compared_scored_and_extended(apil: Apil, tmp_path: Path) -> None:
+def test_seeds_train_together_are_compared_scored_and_extended(
+    apil: Apil, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("apil_core.cli.bench_run.Placement.start", lambda where, root: Here(root))
     out = tmp_path / "many"
     done = apil(
         "run", *TINY, *SMALL, "--method", "adrl", "--seeds", "0..1", "--out", out, "--quiet", "--json"

@@ -9,9 +9,12 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 from apil_core.testing.states import differences
@@ -48,14 +51,24 @@ def test_a_name_that_is_too_long(apil: Apil, words: tuple[str, ...]) -> None:
     assert "File name too long" in done.err
 
 
-def test_a_full_disk_keeps_the_last_checkpoint(tmp_path: Path) -> None:
+@contextmanager
+def limited(kind: int, limit: int) -> Iterator[None]:
+    """This process may have no more than that of something."""
+    before = resource.getrlimit(kind)
+    resource.setrlimit(kind, (limit, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(kind, before)
+
+
+def test_a_full_disk_keeps_the_last_checkpoint(apil: Apil, tmp_path: Path) -> None:
     out = tmp_path / "r"
     words = ("run", *TINY, *SMALL, "--set", "checkpoint.every_iterations=1", "--method", "adrl", "--quiet")
-    full = called(
-        *words, "--out", str(out), preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000,) * 2)
-    )
-    assert full.returncode == 2
-    assert full.stderr.splitlines()[-1].endswith("File too large; what was there before is untouched")
+    with limited(resource.RLIMIT_FSIZE, 20_000):
+        full = apil(*words, "--out", out)
+    assert full.code == 2
+    assert full.err.splitlines()[-1].endswith("File too large; what was there before is untouched")
     assert not list(out.rglob("*.tmp"))
 
 
@@ -187,13 +200,10 @@ def test_one_cpu_gives_the_weights_of_two(tmp_path: Path) -> None:
     assert not differences(one["methods"], two["methods"])
 
 
-def test_memory_that_is_too_small(tmp_path: Path) -> None:
+def test_memory_that_is_too_small(apil: Apil, tmp_path: Path) -> None:
     words = ("run", "--env", "toy-pursuit", "--num-envs", "20000", "--set", "ppo.num_steps=1000")
-    limit = 1_300_000_000
-    small = called(
-        *(*words, "--method", "adrl", "--out", str(tmp_path / "r")),
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
-    )
-    assert (small.returncode, small.stderr.count("\n")) == (2, 1)
-    assert small.stderr.startswith("apil: memory is too small")
+    with limited(resource.RLIMIT_AS, psutil.Process().memory_info().vms + 500_000_000):
+        small = apil(*words, "--method", "adrl", "--out", "r")
+    assert (small.code, small.err.count("\n")) == (2, 1)
+    assert small.err.startswith("apil: memory is too small")
     assert not (tmp_path / "r").exists()

@@ -7,6 +7,7 @@ and as printed, in an environment of its own (slow).
 from __future__ import annotations
 
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -90,7 +91,8 @@ def test_a_tutorial_works_in_small(
         if program == "python" and arguments[:3] == ["-m", "pip", "install"]:
             install(tmp_path / arguments[-1].partition("[")[0], site, monkeypatch)
         elif program == "python" and arguments[0].endswith(".py"):
-            subprocess.run([sys.executable, *arguments], cwd=tmp_path, check=True)
+            monkeypatch.setattr(sys, "argv", arguments)
+            runpy.run_path(arguments[0], run_name="__main__")
         elif program == "apil" and not any(arguments[: len(verb)] == verb for verb in SLOW_ONLY):
             monkeypatch.setattr(
                 "apil_core.plugins.registry._default", None

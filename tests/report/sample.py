@@ -5,6 +5,8 @@ Two games, three methods, two seeds, two values of ã, 1 M steps; one cell faile
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -182,9 +184,15 @@ def sample_data(path: Path) -> ReportData:
 
 
 def write_run(run: RunDir, config: RunConfig, metrics: list[dict[str, float]]) -> None:
-    """Write its configuration (as JSON, which is YAML and quick to write), a note of where, and metrics."""
+    """Write its configuration (as JSON, which is YAML and quick to write), a note of where, and metrics.
+
+    Beside it the copy that ``write_copy`` makes, which is quick to read.
+    """
     run.path.mkdir(parents=True)
-    run.config_path.write_text(config.model_dump_json())
+    text = config.model_dump_json()
+    run.config_path.write_text(text)
+    copy = {"sha256": hashlib.sha256(text.encode()).hexdigest(), "data": json.loads(text)}
+    run.write_json(run.config_path.with_suffix(".json"), copy)
     run.write_json(run.environment_path, [ENVIRONMENT])
     recorder = JsonlRecorder(run.path)
     for row in metrics:

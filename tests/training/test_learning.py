@@ -5,17 +5,17 @@ from __future__ import annotations
 import json
 
 import pytest
-from helpers.small_runs import small_config
 from statsmodels.stats.proportion import proportions_ztest
 
 from apil_core import evaluate, run
+from apil_core.testing import tiny_config
 
-STEPS = {"adrl": 90_000, "apl": 90_000, "apil": 90_000, "e_apil": 130_000}
+STEPS = {"adrl": 45_000, "apl": 90_000, "apil": 90_000, "e_apil": 130_000}
 EPISODES = 300
 
 
 def learning_config(method, steps):
-    return small_config(
+    return tiny_config(
         method,
         steps=steps,
         num_envs=64,
@@ -46,11 +46,13 @@ def test_training_raises_the_win_rate(tmp_path, method):
             assert min(gains) > 0, f"{ours} is no better than the best constant: {gains}"
 
 
-@pytest.mark.parametrize("objective", ["gail", "likelihood", "both"])
+@pytest.mark.parametrize(
+    "objective", ["gail", *(pytest.param(name, marks=pytest.mark.slow) for name in ("likelihood", "both"))]
+)
 def test_the_imitator_beats_the_best_constant(tmp_path, objective):
     """By a margin: the constant is fitted to the very actions, the imitator has not seen them."""
     options = {"apil": {"imitator": {"objective": objective}}}
-    config = small_config("apil", steps=25 * 2048, num_envs=32, ppo={"num_steps": 64}, options=options)
+    config = tiny_config("apil", steps=25 * 2048, ppo={"num_steps": 64}, options=options)
     run(config, out=tmp_path / "r")
     last = [json.loads(x) for x in (tmp_path / "r" / "metrics.jsonl").read_text().splitlines()][-5:]
     assert sum(m["apil/relative_error"] for m in last) / 5 < 0.9
@@ -60,7 +62,7 @@ def test_the_imitator_beats_the_best_constant(tmp_path, objective):
 @pytest.mark.slow
 def test_the_discriminator_does_not_saturate_at_the_default_epochs(tmp_path):
     """At a step size of 3e-4 it called everything the victim's for good, and the imitator ran away."""
-    config = small_config("apil", steps=45 * 4096, num_envs=64, ppo={"num_steps": 64})
+    config = tiny_config("apil", steps=45 * 4096, num_envs=64, ppo={"num_steps": 64})
     run(config, out=tmp_path / "r")
     last = [json.loads(x) for x in (tmp_path / "r" / "metrics.jsonl").read_text().splitlines()][-5:]
     assert min(m["apil/discriminator_accuracy_imitator"] for m in last) > 0.2

@@ -62,9 +62,9 @@ def test_evaluations_during_training_change_nothing(tmp_path):
 def start(run_dir: Path, config) -> subprocess.Popen:
     file = run_dir.parent / "config.yaml"
     file.write_text(dump_yaml(config))
-    command = [sys.executable, "-m", "apil_core.cli", "run", "--config", str(file), "--out", str(run_dir)]
+    command = ["run", "--config", str(file), "--out", str(run_dir), "--trust"]
     return subprocess.Popen(
-        command,
+        [sys.executable, "-m", "apil_core.cli", *command],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -80,17 +80,31 @@ def wait_for_checkpoint(process, run_dir, count=2, seconds=90):
         time.sleep(0.01)
 
 
+KILLS = """
+import os, signal
+from pathlib import Path
+from apil_core import hookimpl
+
+@hookimpl
+def iteration_finished(metrics):
+    if metrics["iteration"] == 3 and not (once := Path(__file__).with_suffix(".once")).exists():
+        once.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
 def test_sigkill_and_resume_gives_the_same_bits(tmp_path):
-    config = small_config(steps=30 * 512)
+    (tmp_path / "kills.py").write_text(KILLS)
+    config = small_config(plugins=(str(tmp_path / "kills.py"),), observers=("kills",))
     process = start(tmp_path / "killed", config)
-    wait_for_checkpoint(process, tmp_path / "killed")
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    assert process.wait() == -signal.SIGKILL, process.communicate()[0]
+    assert [m["iteration"] for m in lines(tmp_path / "killed")] == [1, 2, 3]
+    assert RunDir(tmp_path / "killed").newest_checkpoint().stem == "iteration-00000002"
     assert RunDir(tmp_path / "killed").result() is None
     resume(tmp_path / "killed")
     run(config, out=tmp_path / "whole")
     assert differences(final_state(tmp_path / "whole"), final_state(tmp_path / "killed")) == []
-    assert [m["iteration"] for m in lines(tmp_path / "killed")] == list(range(1, 31))
+    assert [m["iteration"] for m in lines(tmp_path / "killed")] == list(range(1, 7))
 
 
 @pytest.mark.slow  # by default in tests/cli/test_cli_run.py
