@@ -11,7 +11,7 @@ from cyclopts import Group, Parameter
 from apil_core.cli.app import sub_app
 from apil_core.cli.crossplay import WHERE, names
 from apil_core.cli.flags import Flags, Json, PairingFlags, Quiet, flags_of
-from apil_core.cli.output import console, print_json, table
+from apil_core.cli.output import console, emit, print_facts, table
 from apil_core.cli.progress import make_progress
 from apil_core.common.errors import ConfigError
 from apil_core.evaluation.options import PairingOptions
@@ -103,10 +103,7 @@ def activations(
         found.write(out)
     if picture is not None:
         draw_activations(found, picture)
-    if as_json:
-        print_json(found)
-    else:
-        _print(found, out, picture)
+    emit(found, as_json, lambda: _print(found, out, picture))
 
 
 app.command(activations)
@@ -137,17 +134,13 @@ def _print(found: ActivationMap, out: Path | None, picture: Path | None) -> None
 
     screen = console()
     title = f"{found.victim} in {game_name(found.env, found.physics)}: {found.layer}, {found.units} units"
-    screen.print(title, style="bold", markup=False)
+    screen.print(title, style="bold")
     rows = table("opponent", "games>", "log-likelihood, nats>", "to baseline>", "", "seen>")
     for label, each in zip(found.opponents, found.log_likelihood, strict=True):
         interval = f"{each.mean:.1f} [{each.low:.1f}, {each.high:.1f}]"
         rows.add_row(label, str(each.n), interval, *_gap(each), f"{100 * each.explained:.1f} %")
     screen.print(rows)
-    for line in _facts(found):
-        screen.print(line, markup=False)
-    for name, path in (("document", out), ("picture", picture)):
-        if path is not None:
-            screen.print(f"{name:<10} {path}", markup=False)
+    print_facts(**_facts(found), document=out, picture=picture)
 
 
 def _gap(each: LogLikelihood) -> tuple[str, str]:
@@ -158,13 +151,15 @@ def _gap(each: LogLikelihood) -> tuple[str, str]:
     return text, "within noise" if gap.within_noise else ""
 
 
-def _facts(found: ActivationMap) -> list[str]:
+def _facts(found: ActivationMap) -> dict[str, str]:
     tried = ", ".join(f"{count}: {value:,.0f}" for count, value in found.bic.items())
-    return [
-        f"density    {found.components} components over {found.dimensions} principal directions, "
+    return {
+        "density": f"{found.components} components over {found.dimensions} principal directions, "
         f"{100 * found.explained:.1f} % of the variance (BIC by components: {tried})",
-        f"fitted on  {found.games_per_opponent} other games of normal play: {found.fitted:.1f} nats on these",
-        "intervals  95 %, bootstrap over games; seen: share of the deviation in directions the density sees",
-        f"t-SNE      {sum(map(len, found.points)):,} points, perplexity {found.perplexity:g}",
-        f"seed       {found.seed}, {found.num_envs} games in parallel",
-    ]
+        "fitted_on": f"{found.games_per_opponent} other games of normal play: "
+        f"{found.fitted:.1f} nats on these",
+        "intervals": "95 %, bootstrap over games; seen: share of the deviation in directions "
+        "the density sees",
+        "t-SNE": f"{sum(map(len, found.points)):,} points, perplexity {found.perplexity:g}",
+        "seed": f"{found.seed}, {found.num_envs} games in parallel",
+    }

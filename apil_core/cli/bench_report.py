@@ -66,11 +66,11 @@ def report(
     to = console()
     for claim in data.claims:
         label = data.setting(claim.setting).label
-        to.print(f"{claim.verdict:15} {claim.claim} ({label})", markup=False)
+        to.print(f"{claim.verdict:15} {claim.claim} ({label})")
     for warning in data.warnings:
         if warning.loud:
-            to.print(f"warning: {warning.text}", markup=False)
-    to.print(f"tables  {folder / TABLES} ({len(written)} files)", markup=False)
+            to.print(f"warning: {warning.text}")
+    to.print(f"tables  {folder / TABLES} ({len(written)} files)")
     if page is not None:
-        to.print(f"page    {page}", markup=False)
+        to.print(f"page    {page}")
     return 0

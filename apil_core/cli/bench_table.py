@@ -73,11 +73,11 @@ class TableWatch(Watch):
     def ended(self, job: Job, state: State, reason: str) -> None:
         """See :class:`Watch`."""
         why = f": {reason}" if reason else ""
-        self._live.console.print(f"{job.name} {state}{why}", markup=False)
+        self._live.console.print(f"{job.name} {state}{why}")
 
     def stopping(self, at_once: bool) -> None:
         """See :class:`Watch`."""
-        self._live.console.print(_STOPPING[at_once], markup=False)
+        self._live.console.print(_STOPPING[at_once])
 
     def close(self) -> None:
         """See :class:`Watch`."""
@@ -168,9 +168,7 @@ def print_plan(
     screen.print(shown)
     besides = ", ".join(f"{count} × {kind}" for kind, count in others.items())
     steps = sum(cell.steps for cell in benchmark.cells)
-    screen.print(
-        f"{len(benchmark.cells)} cells, {steps:,} steps; besides: {besides or 'nothing'}", markup=False
-    )
+    screen.print(f"{len(benchmark.cells)} cells, {steps:,} steps; besides: {besides or 'nothing'}")
     screen.print(
         f"left: about {cost.hours(workers):.1f} h on {workers} worker{'s' * (workers != 1)} if they do not "
         "slow each other down, games of adversaries not trained here, cross-play, activations and pictures "
@@ -209,6 +207,6 @@ def print_result(result: BenchResult, status: JobStatus, seconds: float, *, as_j
             shown.add_row(name, reason)
         screen.print(shown)
     summary = ", ".join(f"{count} {state}" for state, count in counts.items())
-    screen.print(f"{summary} ({len(result.kept)} were done before) in {duration(seconds)}", markup=False)
+    screen.print(f"{summary} ({len(result.kept)} were done before) in {duration(seconds)}")
     if not result.interrupted:
-        screen.print(f"report: apil bench report {bench.path}", markup=False)
+        screen.print(f"report: apil bench report {bench.path}")

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from apil_core.cli.app import sub_app
 from apil_core.cli.flags import ConfigFlags, Json, Plugins
-from apil_core.cli.output import console, print_json, table
+from apil_core.cli.output import console, emit, print_json, table
 from apil_core.common.errors import ApilError, ConfigError
 
 if TYPE_CHECKING:
@@ -25,10 +25,7 @@ def show(*, flags: ConfigFlags | None = None, as_json: Json = False) -> None:
     from apil_core.config.resolve import dump_yaml
 
     config, plugins = (flags or ConfigFlags()).resolve()
-    if as_json:
-        print_json(config)
-    else:
-        print(dump_yaml(config, plugins), end="")
+    emit(config, as_json, lambda: print(dump_yaml(config, plugins), end=""))
 
 
 @app.command
@@ -48,10 +45,8 @@ def validate(file: Path, /, *, plugin: Plugins | None = None, as_json: Json = Fa
             raise ConfigError("\n".join(errors))
         print_json({"file": str(file), "valid": False, "errors": errors})
         return ConfigError.exit_code
-    if as_json:
-        print_json({"file": str(file), "valid": True, "errors": []})
-    else:
-        console().print(f"{file}: valid ({config.method} on {config.env}, {config.steps:,} steps)")
+    text = f"{file}: valid ({config.method} on {config.env}, {config.steps:,} steps)"
+    emit({"file": file, "valid": True, "errors": []}, as_json, lambda: console().print(text))
     return 0
 
 
@@ -86,16 +81,10 @@ def diff(first: str, second: str, /, *, plugin: Plugins | None = None, as_json: 
     sides = [_layers(first), _layers(second)]
     a, b = (_resolve([_names_of(other), *own], plugin) for own, other in (sides, reversed(sides)))
     found = differences(a, b)
-    if as_json:
-        print_json({key: {"first": x, "second": y} for key, (x, y) in found.items()})
-        return
-    if not found:
-        console().print("no difference")
-        return
-    rows = table("key", first, second)
-    for key, (x, y) in found.items():
-        rows.add_row(key, _shown(x), _shown(y))
-    console().print(rows)
+    rows = [(key, *("–" if value is None else str(value) for value in pair)) for key, pair in found.items()]
+    shown = table("key", first, second, rows=rows) if found else "no difference"
+    document = {key: {"first": x, "second": y} for key, (x, y) in found.items()}
+    emit(document, as_json, lambda: console().print(shown))
 
 
 def _checked(file: Path, more: list[Path]) -> tuple[list[str], RunConfig | None]:
@@ -140,7 +129,3 @@ def _resolve(layers: list[Layer], plugin: list[Path] | None) -> RunConfig:
     from apil_core.plugins.discovery import discover
 
     return resolve_layers(layers, discover([*plugin_files(layers), *(plugin or [])]))
-
-
-def _shown(value: Any) -> str:
-    return "–" if value is None else str(value)

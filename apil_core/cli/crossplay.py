@@ -130,7 +130,7 @@ def print_crossplay(document: CrossPlay, out: Path | None = None, picture: Path 
 
     screen, some = console(), document.played[0]
     title = f"{document.env}, {some.episodes:,} games a cell, the adversary's share{physics(some)}"
-    screen.print(title, style="bold", markup=False)
+    screen.print(title, style="bold")
     marks = _marks(document)
     shown = table("adversary", "", *(f"{player.label}>" for player in document.victims))
     for i, adversary in enumerate(document.adversaries):
@@ -144,7 +144,7 @@ def print_crossplay(document: CrossPlay, out: Path | None = None, picture: Path 
             shown.add_row(adversary.label if first else "", share.replace("_or_", "+"), *cells)
     screen.print(shown)
     for line in _legend(document):
-        screen.print(line, markup=False)
+        screen.print(line)
     for side, players in (("adversary", document.adversaries), ("victim", document.victims)):
         for player in players:
             who = f"{player.name} (sha256 {player.sha256[:12]})"
@@ -153,10 +153,10 @@ def print_crossplay(document: CrossPlay, out: Path | None = None, picture: Path 
                 markup=False,
             )
     modes = f"actions {some.adversary_actions}/{some.victim_actions}"
-    screen.print(f"games      seed {some.seed}, {some.num_envs} in parallel, {modes}", markup=False)
+    screen.print(f"games      seed {some.seed}, {some.num_envs} in parallel, {modes}")
     for name, path in (("scores", out), ("picture", picture)):
         if path is not None:
-            screen.print(f"{name:<10} {path}", markup=False)
+            screen.print(f"{name:<10} {path}")
 
 
 def _marks(document: CrossPlay) -> dict[tuple[str, str, str], str]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Group, Parameter
 
 from apil_core.cli.flags import Flags, Json, Plugins, Quiet, flags_of, setting_flag
-from apil_core.cli.output import console, print_json, table
+from apil_core.cli.output import console, emit, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
 from apil_core.common.errors import ConfigError
@@ -94,10 +94,7 @@ def distill(
             report = start(
                 config, out=where, progress=progress, on_stage=tell, command=command, plugins=registry
             )
-    if as_json:
-        print_json(report)
-    else:
-        _print_report(report, where)
+    emit(report, as_json, lambda: _print_report(report, where))
 
 
 def _config(flags: DistillFlags, plugins: PluginRegistry) -> DistillConfig:
@@ -122,7 +119,7 @@ def _teller(progress: Progress) -> Any:
 
 def _print_report(report: Report, where: Path) -> None:
     out = console()
-    out.print(f"{report.teacher} → {where / 'student.safetensors'}", style="bold", markup=False)
+    out.print(f"{report.teacher} → {where / 'student.safetensors'}", style="bold")
     rows = table("student's action error", "rms, σ>", "best constant>", "KL, nats per step>")
     for name, error in (
         ("against the opponent", report.action_error),
@@ -140,7 +137,7 @@ def _print_report(report: Report, where: Path) -> None:
     out.print(scores)
     for name, gap in (("win", report.win_difference), ("win or tie", report.win_or_tie_difference)):
         if gap is not None:
-            out.print(f"student minus teacher, {name}: {_points(gap)}", markup=False)
+            out.print(f"student minus teacher, {name}: {_points(gap)}")
 
 
 def _points(gap: Difference) -> str:

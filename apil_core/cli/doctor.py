@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from apil_core.cli.flags import Json
-from apil_core.cli.output import console, print_json, styled, table
+from apil_core.cli.output import console, emit, styled, table
 
 if TYPE_CHECKING:
     from apil_core.cli.doctor_checks import Report, Status
@@ -36,10 +36,7 @@ def doctor(
     from working, else 0.
     """
     report = _examined(plugin or [], quick)
-    if as_json:
-        print_json(report)
-    else:
-        _print(report)
+    emit(report, as_json, lambda: _print(report))
     return int(report.status == "error")
 
 

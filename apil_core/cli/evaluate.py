@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from apil_core.cli.flags import ADVERSARY, EvaluationFlags, Json, Quiet
-from apil_core.cli.output import print_json
+from apil_core.cli.output import emit
 from apil_core.cli.progress import make_progress
 from apil_core.cli.scores import print_score, print_scores
 from apil_core.common.errors import ConfigError
@@ -53,16 +53,10 @@ def evaluate(
             from apil_core.studies.bench.folder import write_result
 
             write_result(path, results[-1])
-    if as_json:
-        print_json(
-            results[0]
-            if adversaries == [adversary]
-            else [result.model_dump(mode="json") for result in results]
-        )
-    elif adversaries == [adversary]:
-        print_score(results[0])
+    if adversaries == [adversary]:
+        emit(results[0], as_json, lambda: print_score(results[0]))
     else:
-        print_scores(results)
+        emit(results, as_json, lambda: print_scores(results))
 
 
 def _runs_below(adversary: str) -> list[str]:

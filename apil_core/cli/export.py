@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
 from apil_core.cli.flags import Json, Plugins
-from apil_core.cli.output import console, print_json
+from apil_core.cli.output import console, emit
 
 if TYPE_CHECKING:
     from apil_core.training.export.export import Exported
@@ -41,16 +40,13 @@ def export(
 
     files = tuple(str(path) for path in plugin or ())
     result = write(run, format, out, checkpoint_path=checkpoint, plugin_files=files, force=force)
-    if as_json:
-        print_json({**asdict(result), "file": str(result.file)})
-    else:
-        _print(result)
+    emit(result, as_json, lambda: _print(result))
 
 
 def _print(result: Exported) -> None:
     out = console()
-    out.print(f"{result.file}  sha256 {result.sha256[:12]}", markup=False)
+    out.print(f"{result.file}  sha256 {result.sha256[:12]}")
     if result.reads:
-        out.print(f"inputs: {', '.join(result.reads)}; outputs: mean, log_std", markup=False)
-    out.print(f"acts as the run does: largest difference {result.difference:.1g}", markup=False)
-    out.print(f"load it as {result.name}", markup=False)
+        out.print(f"inputs: {', '.join(result.reads)}; outputs: mean, log_std")
+    out.print(f"acts as the run does: largest difference {result.difference:.1g}")
+    out.print(f"load it as {result.name}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from apil_core.cli.flags import Flags, Json, Quiet, flags_of
-from apil_core.cli.output import console, print_json, table
+from apil_core.cli.output import console, emit, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
 from apil_core.evaluation.options import FidelityOptions
@@ -75,11 +75,7 @@ def fidelity(
     plan = plan_rows(games, options, missing_policy(plugins))
     with make_progress(quiet=quiet) as progress:
         rows = play_rows(plan.rows, plugins=plugins, threads=options.threads, progress=progress, out=out)
-    if as_json:
-        skipped = [matchup.model_dump(mode="json") for matchup in plan.skipped]
-        print_json({"rows": [row.model_dump(mode="json") for row in rows], "skipped": skipped})
-    else:
-        _print(rows, plan.skipped)
+    emit({"rows": rows, "skipped": plan.skipped}, as_json, lambda: _print(rows, plan.skipped))
     return WEIGHTS_MISSING if plan.skipped and not rows else 0
 
 
@@ -136,14 +132,14 @@ def _print(rows: list[FidelityRow], skipped: list[SkippedMatchup]) -> None:
             ranked = sorted(row.result.causes.items(), key=lambda item: -item[1])
             endings = ", ".join(f"{name} {count}" for name, count in ranked)
             facts = f"mean length {row.result.mean_length:.0f}, {row.result.wall_seconds:.0f} s"
-            out.print(f"{row.plan.title}: {endings}; {facts}", markup=False)
+            out.print(f"{row.plan.title}: {endings}; {facts}")
     else:
         why = "their weights are not on this machine" if skipped else "none of the games names a pairing"
         out.print(f"nothing played: {why}")
     for row in {row.plan.adversary: row for row in rows if row.plan.stands_in_for}.values():
-        out.print(f"* {row.plan.adversary} stands in for {row.plan.stands_in_for}", markup=False)
+        out.print(f"* {row.plan.adversary} stands in for {row.plan.stands_in_for}")
     for matchup in skipped:
-        out.print(f"skipped {matchup.env}, {matchup.adversary}: {matchup.reason}", markup=False)
+        out.print(f"skipped {matchup.env}, {matchup.adversary}: {matchup.reason}")
 
 
 def _who(row: FidelityRow) -> list[str]:

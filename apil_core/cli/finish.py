@@ -41,11 +41,11 @@ def print_end(result: RunResult) -> None:
     if result.best is not None:
         rate, steps = result.best["wins"] / result.best["games"], result.best["steps"]
         how = f"score it: apil eval {result.run_dir} --checkpoint best"
-        console().print(f"best       {rate:.1%} wins at {steps:,} steps; {how}", markup=False)
+        console().print(f"best       {rate:.1%} wins at {steps:,} steps; {how}")
     if imitates := imitator(RunDir(result.run_dir).last_metrics()):
-        console().print(f"imitator   {imitates}", markup=False)
+        console().print(f"imitator   {imitates}")
     if result.status == "finished":
-        console().print(f"run        {result.run_dir}, {result.steps:,} steps", markup=False)
+        console().print(f"run        {result.run_dir}, {result.steps:,} steps")
 
 
 def _artifacts(result: RunResult, progress: Progress, *, silent: bool) -> dict[str, Any]:
@@ -62,7 +62,7 @@ def _artifacts(result: RunResult, progress: Progress, *, silent: bool) -> dict[s
             _print_beside(result.evaluation, made)
         for name, path in (("curve", made.curve), ("won game", made.won_game)):
             if path is not None:
-                console().print(f"{name:<10} {path}", markup=False)
+                console().print(f"{name:<10} {path}")
     return made.model_dump(mode="json")
 
 

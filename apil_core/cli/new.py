@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from apil_core.cli.app import sub_app
 from apil_core.cli.flags import Json
-from apil_core.cli.output import console, print_json
+from apil_core.cli.output import console, emit
 
 if TYPE_CHECKING:
     from apil_core.plugins.scaffold.names import Kind
@@ -59,10 +59,7 @@ def _write(
     names = new_names(kind, name, plugins)
     seat = find_seat(env, side, plugins) if kind == "victim" else None
     written = write_package(names, out, seat)
-    if as_json:
-        print_json(_document(written))
-    else:
-        _print(written)
+    emit(_document(written), as_json, lambda: _print(written))
 
 
 def _document(written: Written) -> dict[str, object]:
@@ -81,7 +78,7 @@ def _document(written: Written) -> dict[str, object]:
 def _print(written: Written) -> None:
     out, names = console(), written.names
     called = f"{names.kind} {names.registered}" if names.kind != "victim" else f"victims {names.registered}:…"
-    out.print(f"{written.shown}: {called}, package {names.package}, {len(written.files)} files", markup=False)
+    out.print(f"{written.shown}: {called}, package {names.package}, {len(written.files)} files")
     out.print("next:")
     for command in written.commands:
-        out.print(f"  {command}", markup=False, soft_wrap=True)
+        out.print(f"  {command}", soft_wrap=True)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from apil_core.cli.flags import Json, Plugins
-from apil_core.cli.output import console, print_json, styled, table
+from apil_core.cli.output import console, emit, print_json, styled, table
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -30,15 +30,8 @@ def plugins(*, plugin: Plugins | None = None, check: _Check = False, as_json: Js
     if check:
         return _checked(plugin, as_json)
     records = _discover(plugin).records
-    if as_json:
-        print_json([asdict(record) for record in records])
-    else:
-        rows = table("plugin", "version", "hook API", "offers", "hooks", "origin")
-        for record in records:
-            offers = styled(record.error, "red") if record.error else _offers(record)
-            stated = _stated(record.hook_api)
-            rows.add_row(record.name, record.version, stated, offers, ", ".join(record.hooks), record.origin)
-        console().print(rows)
+    columns = ("plugin", "version", "hook API", "offers", "hooks", "origin")
+    _list(records, as_json, columns, _row)
     return int(any(record.error for record in records))
 
 
@@ -51,23 +44,27 @@ def games(*, plugin: Plugins | None = None, as_json: Json = False) -> None:
     if as_json:
         print_json([{**asdict(spec), "victim_here": default_victim(spec, plugins)} for spec in specs])
         return
-    rows = table("game", "attacked side", "adversary", "default victim", "what it is")
-    for spec in specs:
-        victim, adversary = spec.sides[spec.victim_side], spec.sides[1 - spec.victim_side]
-        rows.add_row(spec.label, victim, adversary, default_victim(spec, plugins) or "–", spec.summary)
-    console().print(rows)
+    _list(
+        specs,
+        as_json,
+        ("game", "attacked side", "adversary", "default victim", "what it is"),
+        lambda spec: (
+            *(spec.label, spec.sides[spec.victim_side], spec.sides[1 - spec.victim_side]),
+            *(default_victim(spec, plugins) or "–", spec.summary),
+        ),
+    )
 
 
 def methods(*, plugin: Plugins | None = None, as_json: Json = False) -> None:
     """List attack methods: what they build on, and what they do."""
     specs = [spec for _, spec in sorted(_discover(plugin).methods.items())]
-    if as_json:
-        print_json([asdict(spec) for spec in specs])
-        return
-    rows = table("method", "builds on", "what it does", "reference")
-    for spec in specs:
-        rows.add_row(spec.name, ", ".join(spec.requires) or "–", spec.summary, spec.reference)
-    console().print(rows)
+    columns = ("method", "builds on", "what it does", "reference")
+    _list(
+        specs,
+        as_json,
+        columns,
+        lambda spec: (spec.name, ", ".join(spec.requires) or "–", spec.summary, spec.reference),
+    )
 
 
 def observers(*, plugin: Plugins | None = None, as_json: Json = False) -> None:
@@ -82,13 +79,23 @@ def observers(*, plugin: Plugins | None = None, as_json: Json = False) -> None:
         name: ObserverSpec(name, "", "run hooks of the plugin of that name") for name in found.modules
     }
     specs = [{**of_modules, **found.observers}[name] for name in sorted(found.observer_names())]
-    if as_json:
-        print_json([asdict(spec) for spec in specs])
-        return
-    rows = table("observer", "what it does", "reference")
-    for spec in specs:
-        rows.add_row(spec.name, spec.summary, spec.reference)
-    console().print(rows)
+    columns = ("observer", "what it does", "reference")
+    _list(specs, as_json, columns, lambda spec: (spec.name, spec.summary, spec.reference))
+
+
+def _list(
+    found: Sequence[Any],
+    as_json: bool,
+    columns: Sequence[str],
+    row: Callable[[Any], Sequence[str | Text]],
+) -> None:
+    emit(found, as_json, lambda: console().print(table(*columns, rows=map(row, found))))
+
+
+def _row(record: PluginRecord) -> Sequence[str | Text]:
+    offers = styled(record.error, "red") if record.error else _offers(record)
+    stated = _stated(record.hook_api)
+    return record.name, record.version, stated, offers, ", ".join(record.hooks), record.origin
 
 
 def _checked(plugin: list | None, as_json: bool) -> int:
@@ -97,7 +104,7 @@ def _checked(plugin: list | None, as_json: bool) -> int:
 
     reports = check_plugins(discover(plugin or [], forgiving=True))
     if as_json:
-        print_json([asdict(report) for report in reports])
+        print_json(reports)
     else:
         for line in (line for report in reports for line in _lines(report)):
             console().print(*line, sep="")
@@ -126,11 +133,6 @@ def _discover(plugin: list | None) -> PluginRegistry:
 
 
 def _offers(record: PluginRecord) -> str:
-    kinds = {
-        "methods": record.methods,
-        "observers": record.observers,
-        "games": record.games,
-        "policies": record.policies,
-        "recorders": record.recorders,
-    }
-    return "; ".join(f"{kind}: {', '.join(names)}" for kind, names in kinds.items() if names)
+    kinds = ("methods", "observers", "games", "policies", "recorders")
+    offered = {kind: ", ".join(getattr(record, kind)) for kind in kinds}
+    return "; ".join(f"{kind}: {names}" for kind, names in offered.items() if names)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Group
 
 from apil_core.cli.flags import ADVERSARY, Flags, Json, PlayFlags, Quiet, flags_of
-from apil_core.cli.output import console, print_json, table
+from apil_core.cli.output import console, emit, print_facts, table
 from apil_core.cli.progress import make_progress
 from apil_core.evaluation.options import PairingOptions, RenderOptions
 
@@ -53,28 +53,23 @@ def play(
         make_progress(quiet=quiet) as progress,
     ):
         result = show(pairing, rendered, progress)
-    if as_json:
-        print_json(result)
-    else:
-        _print_games(result)
+    emit(result, as_json, lambda: _print_games(result))
 
 
 def _print_games(result: PlayResult) -> None:
-    out = console()
-    for role in ("adversary", "victim"):
-        seat, policy = getattr(result, f"{role}_side"), getattr(result, role)
-        actions = {"sample": "sampled", "mode": "mode"}[getattr(result, f"{role}_actions")]
-        out.print(f"{role:<10} {seat}, {policy.name}, actions {actions}", markup=False)
-    if result.options_played:
-        played = ", ".join(f"{key} {value}" for key, value in result.options_played.items())
-        out.print(f"game       {played}", markup=False)
-    rows = table("game>", "winner", "ending", "steps>", "time>", "adversary's return>", "victim's return>")
     winners = {"win": "adversary", "tie": "tie", "loss": "victim"}
-    for game in result.games:
-        returns = (f"{game.adversary_return:.1f}", f"{game.victim_return:.1f}")
-        time = f"{game.seconds:.2f} s"
-        rows.add_row(str(game.number), winners[game.outcome], game.cause, str(game.steps), time, *returns)
-    out.print(rows)
-    for name in ("video", "snapshots"):
-        if (path := getattr(result, name)) is not None:
-            out.print(f"{name:<10} {path}", markup=False)
+    for role in ("adversary", "victim"):
+        actions = {"sample": "sampled", "mode": "mode"}[getattr(result, f"{role}_actions")]
+        seat, policy = getattr(result, f"{role}_side"), getattr(result, role)
+        print_facts(**{role: f"{seat}, {policy.name}, actions {actions}"})
+    print_facts(game=", ".join(f"{key} {value}" for key, value in result.options_played.items()) or None)
+    rows = [
+        (
+            *(str(game.number), winners[game.outcome], game.cause, str(game.steps), f"{game.seconds:.2f} s"),
+            *(f"{game.adversary_return:.1f}", f"{game.victim_return:.1f}"),
+        )
+        for game in result.games
+    ]
+    returns = ("adversary's return>", "victim's return>")
+    console().print(table("game>", "winner", "ending", "steps>", "time>", *returns, rows=rows))
+    print_facts(video=result.video, snapshots=result.snapshots)

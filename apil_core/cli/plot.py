@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from apil_core.cli.flags import Json
-from apil_core.cli.output import console, print_json
+from apil_core.cli.output import emit, print_facts
 from apil_core.common.errors import ConfigError
 from apil_core.config.kind import is_retraining
 
@@ -38,23 +38,20 @@ def plot(
     Points are evaluations with 95 % intervals. Of a retraining: the victim's shares against each opponent.
     """
     from apil_core.common.charts import check_picture
+    from apil_core.common.files import check_free
     from apil_core.studies.curves.groups import read_groups
     from apil_core.studies.curves.picture import draw_curves
     from apil_core.training.storage.run_list import runs_in
 
     check_picture(out)
-    if out.exists() and not force:
-        raise ConfigError(f"{out} exists already; choose another --out, or --force to replace it")
+    check_free(out, force=force)
     retrainings = [directory for directory in directories if is_retraining(directory)]
     if retrainings:
         groups = _draw_retraining(directories, retrainings[0], metric or [], out)
     else:
         groups = read_groups(runs_in(directories), metric or [])
         draw_curves(groups, out)
-    if as_json:
-        print_json({"picture": out, "groups": [group.model_dump(mode="json") for group in groups]})
-    else:
-        console().print(f"curve      {out}", markup=False)
+    emit({"picture": out, "groups": groups}, as_json, lambda: print_facts(curve=out))
 
 
 def _draw_retraining(

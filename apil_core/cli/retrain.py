@@ -125,7 +125,7 @@ def print_result(result: RetrainResult) -> None:
     """Print the victim's shares against each opponent, before and after."""
     out = console()
     title = f"{result.victim.name} in {result.env}, retrained {result.steps:,} steps"
-    out.print(title, style="bold", markup=False)
+    out.print(title, style="bold")
     if result.after:
         rows = table("against", "the victim", "games>", "wins>", "wins or ties>")
         for label, after in result.after.items():
@@ -133,7 +133,7 @@ def print_result(result: RetrainResult) -> None:
                 rows.add_row(label, "before", *_victims_view(result.before[label]))
             rows.add_row(label, "after", *_victims_view(after))
         out.print(rows)
-    out.print(f"victim     retrained:{result.directory}", markup=False, soft_wrap=True)
+    out.print(f"victim     retrained:{result.directory}", soft_wrap=True)
 
 
 def _draw_curve(result: RetrainResult, *, silent: bool) -> None:
@@ -148,7 +148,7 @@ def _draw_curve(result: RetrainResult, *, silent: bool) -> None:
         complain(f"no learning curve: {error}", 0)
         return
     if not silent:
-        console().print(f"curve      {directory.curve_path}", markup=False, soft_wrap=True)
+        console().print(f"curve      {directory.curve_path}", soft_wrap=True)
 
 
 def _victims_view(score: EvaluationResult) -> tuple[str, str, str]:

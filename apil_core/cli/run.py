@@ -123,4 +123,4 @@ def _say_budget(
         + (f" for {seeds} seeds" if seeds > 1 else ""),
     ]
     for line in lines:
-        console().print(line, markup=False)
+        console().print(line)

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from apil_core.cli.app import sub_app
 from apil_core.cli.flags import Json
-from apil_core.cli.output import console, print_json, say, table
+from apil_core.cli.output import console, emit, print_json, say, table
 from apil_core.cli.readout import game_name, percent
 from apil_core.common.errors import ConfigError, RunDirError
 
@@ -64,10 +64,7 @@ def compare(
     result = side_by_side(runs_in(directories))
     for warning in result.warnings:
         say(f"apil: {warning}")
-    if as_json:
-        print_json(result)
-    else:
-        print_comparison(result)
+    emit(result, as_json, lambda: print_comparison(result))
 
 
 def _entry(run: RunDir) -> dict[str, Any] | None:

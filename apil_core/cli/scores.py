@@ -23,7 +23,7 @@ def print_score(result: EvaluationResult) -> None:
     out = console()
     title = f"{result.adversary.name} against {result.victim.name} in {result.env}, {result.episodes} games"
     title += physics(result)
-    out.print(title, style="bold", markup=False)
+    out.print(title, style="bold")
     rows = table("adversary's", "games>", "share>", "95 % interval>")
     for name, count, rate in (
         ("win", result.wins, result.win_rate),
@@ -35,7 +35,7 @@ def print_score(result: EvaluationResult) -> None:
         rows.add_row(name, str(count), f"{100 * rate.value:.1f} %", interval)
     out.print(rows)
     for line in _facts(result):
-        out.print(line, markup=False)
+        out.print(line)
 
 
 def print_scores(results: Sequence[EvaluationResult]) -> None:
@@ -51,7 +51,7 @@ def print_scores(results: Sequence[EvaluationResult]) -> None:
         rows.add_row("mean ± sd", "", *spread)
     console().print(rows)
     for line in _facts(results[0])[2:]:
-        console().print(line, markup=False)
+        console().print(line)
 
 
 def _facts(result: EvaluationResult) -> list[str]:

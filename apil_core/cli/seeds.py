@@ -78,4 +78,4 @@ def _summary(bench: BenchDir, runs: list[Path]) -> None:
     except ApilError as error:  # optional: no games have ended, or matplotlib is missing
         complain(f"no learning curve: {error}", 0)
     else:
-        console().print(f"curve      {bench.path / 'curve.png'}", markup=False)
+        console().print(f"curve      {bench.path / 'curve.png'}")

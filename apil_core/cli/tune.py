@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -113,7 +112,7 @@ def _say_budget(directory: StudyDir, space: Space, trials: int, workers: int, *,
     found = dry_run(space.config, space.plugins, directory.path)
     hours = trials * (found.training_hours + found.scoring_hours) / workers
     if as_json:
-        print_json({"space": space.content, "trials": trials, "hours": hours, "trial": found.model_dump()})
+        print_json({"space": space.content, "trials": trials, "hours": hours, "trial": found})
         return 0
     for key, part in space.content.items():
         console().print(f"{key}: {part}")
@@ -126,9 +125,7 @@ def _say_budget(directory: StudyDir, space: Space, trials: int, workers: int, *,
 
 def _print(result: TuneResult, *, as_json: bool) -> None:
     if as_json:
-        scores = {name: score.model_dump(mode="json") for name, score in result.scores.items()}
-        best = result.best and result.best.model_dump(mode="json")
-        print_json({**asdict(result), "best": best, "scores": scores})
+        print_json(result)
         return
     rows = table("trial>", "state", "win rate>", "settings")
     ranked = sorted(result.rows, key=lambda row: -1.0 if row["win_rate"] is None else -row["win_rate"])

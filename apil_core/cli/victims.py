@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +11,7 @@ from cyclopts import Parameter
 
 from apil_core.cli.app import sub_app
 from apil_core.cli.flags import Json, Plugins
-from apil_core.cli.output import console, print_json, styled, table
+from apil_core.cli.output import console, emit, styled, table
 
 if TYPE_CHECKING:
     from apil_core.api.specs import PolicyListing
@@ -27,17 +28,7 @@ app = sub_app("victims", "List, check, import and download victims.")
 def list_(*, plugin: Plugins | None = None, as_json: Json = False) -> None:
     """List the victims there are, whether their weights are on this machine, and where they come from."""
     rows = _listings(plugin or [])
-    if as_json:
-        print_json([asdict(row) for row in rows])
-        return
-    shown = table("victim", "here", "sha256", "provenance")
-    for row in rows:
-        here = styled("yes", "green") if row.available else "no"
-        shown.add_row(row.name, here, row.sha256[:12], row.provenance)
-    out = console()
-    out.print(shown)
-    if not all(row.available for row in rows):
-        out.print("missing ones: apil victims import DIR, or: apil victims download")
+    emit(rows, as_json, lambda: _print_list(rows))
 
 
 @app.command
@@ -55,10 +46,7 @@ def check(
     from apil_core.policies.inspection import inspect_policy
 
     found = inspect_policy(name, env, side, discover(plugin or []), trust=True)
-    if as_json:
-        print_json(found)
-    else:
-        _print_inspection(found)
+    emit(found, as_json, lambda: _print_inspection(found))
     return CANNOT_PLAY if found.errors else 0
 
 
@@ -70,16 +58,10 @@ def import_(
     as_json: Json = False,
 ) -> None:
     """Convert the zoo's published pickles, checked by SHA-256, to safetensors on this machine."""
-    from apil_core.policies.zoo import ZooImportError, import_zoo
+    from apil_core.policies.zoo import import_zoo
 
-    try:
-        rows = import_zoo(directory)
-    except ZooImportError as error:
-        good = [row for row in error.rows if not row.error]
-        if good:
-            _report(good, as_json)
-        raise
-    _report(rows, as_json)
+    with _reported(as_json) as rows:
+        rows += import_zoo(directory)
 
 
 @app.command
@@ -94,16 +76,20 @@ def download(
     as_json: Json = False,
 ) -> None:
     """Fetch the zoo's published weights, check their SHA-256 and convert them."""
-    from apil_core.policies.zoo import ZooImportError, download_zoo
+    from apil_core.policies.zoo import download_zoo
 
-    try:
-        rows = download_zoo(game, base_url)
-    except ZooImportError as error:
-        good = [row for row in error.rows if not row.error]
-        if good:
-            _report(good, as_json)
-        raise
-    _report(rows, as_json)
+    with _reported(as_json) as rows:
+        rows += download_zoo(game, base_url)
+
+
+def _print_list(rows: list[PolicyListing]) -> None:
+    lines = [
+        (row.name, styled("yes", "green") if row.available else "no", row.sha256[:12], row.provenance)
+        for row in rows
+    ]
+    console().print(table("victim", "here", "sha256", "provenance", rows=lines))
+    if not all(row.available for row in rows):
+        console().print("missing ones: apil victims import DIR, or: apil victims download")
 
 
 def _listings(plugin: list[Path]) -> list[PolicyListing]:
@@ -129,18 +115,29 @@ def _print_inspection(found: Inspection) -> None:
         facts["speed"] = f"{found.steps_per_second:,.0f} steps/s with 128 games"
     facts |= {key: value for key, value in found.provenance.items() if key not in facts}
     for key, value in facts.items():
-        out.print(f"{key:<13} {value}", markup=False)
+        out.print(f"{key:<13} {value}")
     for kind, lines in (("error", found.errors), ("note", found.notes)):
         for line in lines:
-            out.print(f"{kind + ':':<13} {line}", markup=False)
+            out.print(f"{kind + ':':<13} {line}")
     if not found.errors:
         out.print("it can take this seat")
 
 
-def _report(rows: list[ImportRow], as_json: bool) -> None:
-    if as_json:
-        print_json([asdict(row) for row in rows])
-        return
-    for row in rows:
-        console().print(f"{row.name}  sha256 {row.sha256[:12]}  from {row.source}", markup=False)
-    console().print(f"{len(rows)} victims imported" if rows else "nothing to do: all are here already")
+@contextmanager
+def _reported(as_json: bool) -> Iterator[list[ImportRow]]:
+    """Print the rows that the block collects; after an error those that were imported, if any."""
+    from apil_core.policies.zoo import ZooImportError
+
+    def listing() -> None:
+        for row in rows:
+            console().print(f"{row.name}  sha256 {row.sha256[:12]}  from {row.source}")
+        console().print(f"{len(rows)} victims imported" if rows else "nothing to do: all are here already")
+
+    rows: list[ImportRow] = []
+    try:
+        yield rows
+    except ZooImportError as error:
+        if rows := [row for row in error.rows if not row.error]:
+            emit(rows, as_json, listing)
+        raise
+    emit(rows, as_json, listing)
