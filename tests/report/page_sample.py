@@ -61,7 +61,6 @@ def report_data(*, nasty: bool = True, games: Sequence[str] = GAMES[:2]) -> m.Re
         curves=[_panel(game, methods, rng) for game in games],
         retraining=[_retraining(game, method, rng) for game in few for method in ("apil", "e_apil")],
         ablations=[_ablation(rng)],
-        endings=[_ending(table, row, cell) for table in tables[:2] for row in table.rows for cell in row],
         crossplay=[_crossplay(game, rng) for game in few],
         activations=[_activations(game, rng) for game in few],
         snapshots=[
@@ -311,22 +310,6 @@ def _ablation(rng: np.random.Generator) -> m.Ablation:
         method="apil",
         setting="s1",
         rows=rows,
-    )
-
-
-def _ending(table: t.Table, row: list[t.Cell], cell: t.Cell) -> m.Endings:
-    score = cell.scores[0] if cell.scores else None
-    return m.Endings(
-        table=table.id,
-        setting=table.setting,
-        game=cell.game,
-        column=cell.column,
-        episodes=score.episodes if score else 0,
-        wins=score.wins if score else 0,
-        ties=score.ties if score else 0,
-        losses=score.losses if score else 0,
-        causes=score.causes if score else {},
-        mean_length=120.0,
     )
 
 

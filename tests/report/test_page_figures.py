@@ -14,15 +14,10 @@ from apil_core.common.charts import Pen, web
 from apil_core.studies.curves.curves import WIN, WIN_OR_TIE
 from apil_core.studies.report.figures import palette
 from apil_core.studies.report.figures.activations import activation_plots
-from apil_core.studies.report.figures.crossplay import crossplay_maps
-from apil_core.studies.report.figures.curves import diagnostic_plots, learning_curves, retraining_curves
-from apil_core.studies.report.figures.dots import (
-    ablation_dots,
-    aggregate_dots,
-    improvement_dots,
-    profile_plots,
-)
-from apil_core.studies.report.figures.endings import SEEING, ending_bars
+from apil_core.studies.report.figures.crossplay import crossplay_map
+from apil_core.studies.report.figures.curves import diagnostic_plots, learning_curve, retraining_curve
+from apil_core.studies.report.figures.dots import ablated, improved, means, performance
+from apil_core.studies.report.figures.endings import ending_bars
 from apil_core.studies.report.figures.plot import Plot, scale_top
 from apil_core.studies.report.models import ReportData
 from apil_core.studies.report.page_sections import sections
@@ -66,7 +61,7 @@ def test_every_figure_is_drawn_and_has_words(data, pens):
 
 def test_the_page_has_variables_for_placeholders(data, pens):
     """No placeholder is left, no colour is of one theme only, and ids differ from figure to figure."""
-    plot = learning_curves(data.curves[:1], pens, SETTINGS)[0]
+    plot = learning_curve(data.curves[0], WIN, pens, SETTINGS)
     svg, again = str(plot.svg("a")), str(plot.svg("a"))
     assert svg == again
     assert svg.startswith('<svg viewBox="0 0 360 ')
@@ -80,13 +75,13 @@ def test_the_page_has_variables_for_placeholders(data, pens):
 
 def test_a_name_that_looks_like_a_placeholder_stays_text(data):
     aggregate = data.aggregates[0].model_copy(update={"column": "#0b00fe"})
-    svg = str(aggregate_dots([aggregate], {}, {})[0].svg("a"))
+    svg = str(means([aggregate], {}, {}).svg("a"))
     assert ">#0b00fe</text>" in svg
 
 
 def test_learning_curves_are_the_lines_in_percent_with_their_bands(data, pens):
     panel = data.curves[0]
-    plot = learning_curves([panel], pens, SETTINGS)[0]
+    plot = learning_curve(panel, WIN, pens, SETTINGS)
     axis, line = drawn(plot), panel.groups[0].lines[WIN]
     middle = axis.lines[0]
     assert list(middle.get_xdata()) == line.steps
@@ -103,22 +98,22 @@ def test_learning_curves_are_the_lines_in_percent_with_their_bands(data, pens):
 def test_scores_are_points_with_their_intervals(data, pens):
     panel = data.curves[0]
     rate = panel.groups[0].curves[0].scores[0].win
-    line, _, (bar,) = drawn(learning_curves([panel], pens, SETTINGS)[0]).containers[0].lines
+    line, _, (bar,) = drawn(learning_curve(panel, WIN, pens, SETTINGS)).containers[0].lines
     assert line.get_ydata()[0] == pytest.approx(100 * rate.value)
     (_, low), (_, high) = bar.get_segments()[0]
     assert (low, high) == pytest.approx((100 * rate.low, 100 * rate.high))
 
 
 def test_both_shares_of_a_game_have_one_scale_from_nought(data, pens):
-    plots = {p.facets["measure"]: p for p in learning_curves(data.curves[:1], pens, SETTINGS)}
-    scales = [drawn(plots[name]).get_ylim() for name in (WIN, WIN_OR_TIE)]
+    shares = (WIN, WIN_OR_TIE)
+    scales = [drawn(learning_curve(data.curves[0], name, pens, SETTINGS)).get_ylim() for name in shares]
     assert scales[0] == scales[1]
     assert scales[0][0] == 0
 
 
 def test_retraining_shows_each_opponent_on_its_own(data, pens):
     curve = data.retraining[0]
-    plot = retraining_curves([curve], pens)[0]
+    plot = retraining_curve(curve, WIN, pens)
     axis = drawn(plot)
     assert [line.get_label() for line in axis.lines] == ["baseline", "apil"]
     expected = [100 * v for v in curve.groups[1].lines[WIN].value]
@@ -128,27 +123,27 @@ def test_retraining_shows_each_opponent_on_its_own(data, pens):
 
 
 def test_endings_add_up(data, pens):
-    game = data.games[0]
-    group = [e for e in data.endings if e.game == game and e.table == "t1-s1"]
-    outcome, cause = (drawn(plot) for plot in ending_bars(group, {"t1-s1": SEEING}, SETTINGS))
+    table = next(table for table in data.tables if table.id == "t1-s1")
+    row = table.rows[0]
+    only = table.model_copy(update={"rows": [row]})
+    outcome, cause = (drawn(plot) for plot in ending_bars([only], SETTINGS))
     wins, _, losses = outcome.containers
     widths = [bar.get_width() for bar in wins]
-    assert widths == pytest.approx([100 * e.wins / e.episodes for e in group])
-    assert [bar.get_x() + bar.get_width() for bar in losses] == pytest.approx([100] * len(group))
+    assert widths == pytest.approx([100 * c.total("wins") / c.episodes for c in row])
+    assert [bar.get_x() + bar.get_width() for bar in losses] == pytest.approx([100] * len(row))
     goal = next(bars for bars in cause.containers if bars.get_label() == "goal")
-    assert [b.get_width() for b in goal] == pytest.approx(
-        [100 * e.causes["goal"] / e.episodes for e in group]
-    )
+    counted = [100 * sum(s.causes["goal"] for s in c.scores) / c.episodes for c in row]
+    assert [b.get_width() for b in goal] == pytest.approx(counted)
 
 
 def test_games_without_endings_have_no_bar(data):
-    empty = [e.model_copy(update={"episodes": 0}) for e in data.endings]
-    assert ending_bars(empty, {}, SETTINGS) == []
+    rows = [[cell.model_copy(update={"scores": []}) for cell in data.tables[0].rows[0]]]
+    assert ending_bars([data.tables[0].model_copy(update={"rows": rows})], SETTINGS) == []
 
 
 def test_crossplay_map_has_adversaries_in_rows_and_values_in_fields(data):
     document = data.crossplay[0]
-    plot = crossplay_maps([document])[0]
+    plot = crossplay_map(document, "win")
     axis = drawn(plot)
     rate = document.scores[1][2].win_rate
     assert axis.collections[0].get_array()[1, 2] == pytest.approx(rate.value)
@@ -161,7 +156,7 @@ def test_crossplay_map_has_adversaries_in_rows_and_values_in_fields(data):
 def test_pairings_to_come_are_empty_fields(data):
     document = data.crossplay[0].model_copy(deep=True)
     document.scores[1][2] = None
-    plot = crossplay_maps([document])[0]
+    plot = crossplay_map(document, "win")
     assert drawn(plot).collections[0].get_array().mask[1, 2]
     assert len(drawn(plot).texts) == 24
     assert f"{document.victims[2].label} not yet" in plot.alt
@@ -169,7 +164,7 @@ def test_pairings_to_come_are_empty_fields(data):
 
 def test_ablation_dots_have_values_and_intervals(data):
     ablation = data.ablations[0]
-    axis = drawn(ablation_dots([ablation], SETTINGS)[0])
+    axis = drawn(ablated(ablation, SETTINGS))
     share = ablation.rows[1].cell.win.measured
     assert share is not None
     assert [label.get_text() for label in axis.get_yticklabels()] == [row.value for row in ablation.rows]
@@ -179,14 +174,14 @@ def test_ablation_dots_have_values_and_intervals(data):
 
 def test_aggregates_without_interval_have_no_error_bar(data, pens):
     group = [a for a in data.aggregates if a.metric == "win" and a.column in ("apl", "apil")]
-    without, with_interval = whiskers(drawn(aggregate_dots(group, pens, SETTINGS)[0]))
+    without, with_interval = whiskers(drawn(means(group, pens, SETTINGS)))
     assert without == pytest.approx((40, 40, 40))
     assert with_interval == pytest.approx((50, 44, 55))
 
 
 def test_a_profile_is_drawn_in_percent_with_its_band_and_its_runs(data, pens):
     group = [each for each in data.profiles if each.metric == "win"]
-    plot = profile_plots(group, pens, {})[0]
+    plot = performance(group, pens, {})
     axis = drawn(plot)
     assert list(axis.lines[0].get_ydata()) == pytest.approx([100 * v for v in group[0].value])
     assert axis.lines[0].get_color() == pens["adrl"].colour
@@ -197,7 +192,7 @@ def test_a_profile_is_drawn_in_percent_with_its_band_and_its_runs(data, pens):
 
 def test_probabilities_of_improvement_have_a_row_for_each_pair(data, pens):
     group = [each for each in data.improvements if each.metric == "win" and each.column in ("apl", "apil")]
-    axis = drawn(improvement_dots(group, pens, SETTINGS)[0])
+    axis = drawn(improved(group, pens, SETTINGS))
     assert [label.get_text() for label in axis.get_yticklabels()] == ["apl over adrl", "apil over adrl"]
     assert whiskers(axis) == [pytest.approx((60, 40, 80))] * 2
     assert list(axis.lines[-1].get_xdata()) == [50, 50]
@@ -205,7 +200,7 @@ def test_probabilities_of_improvement_have_a_row_for_each_pair(data, pens):
 
 def test_activation_points_and_likelihoods(data, pens):
     found = data.activations[0]
-    cloud, dots = activation_plots([found], pens)
+    cloud, dots = activation_plots(found, pens)
     patch = drawn(cloud).patches[1]
     assert patch.get_path().vertices[::2].tolist() == [list(point) for point in found.points[1]]
     assert to_hex(patch.get_edgecolor()) == pens["adrl"].colour

@@ -4,27 +4,19 @@ from __future__ import annotations
 
 import pytest
 
-from apil_core.studies.report.models import Endings, Warning
+from apil_core.studies.report.cells import cell
+from apil_core.studies.report.models import Warning
 from apil_core.studies.report.report_data import placed
-from apil_core.studies.report.table_models import Setting
+from apil_core.studies.report.table_models import Cell, SeedScore, Setting
 from apil_core.studies.report.warnings import tie_meaning
 from apil_core.studies.report.words import amount, budget_mark
 
 
-def _endings(wins: int, ties: int, losses: int, **causes: int) -> Endings:
+def _endings(wins: int, ties: int, losses: int, **causes: int) -> Cell:
     named = {name.replace("_", "-"): count for name, count in causes.items()}
-    return Endings(
-        table="t1-s1",
-        setting="s1",
-        game="kick-and-defend",
-        column="adrl",
-        episodes=wins + ties + losses,
-        wins=wins,
-        ties=ties,
-        losses=losses,
-        causes=dict(sorted(named.items(), key=lambda item: -item[1])),
-        mean_length=1.0,
-    )
+    games = {"episodes": wins + ties + losses, "wins": wins, "ties": ties, "losses": losses}
+    score = SeedScore(seed=0, source="cells/x", steps=1, causes=named, mean_length=1.0, **games)
+    return cell("kick-and-defend", "adrl", [score], None)
 
 
 def test_an_ending_that_counts_as_often_as_ties_is_what_a_tie_is() -> None:

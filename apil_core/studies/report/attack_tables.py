@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from apil_core.studies.bench.matrix import BASELINE
 from apil_core.studies.report.cells import cell, make_table, method_difference, seed_score, seed_scores
 from apil_core.studies.report.grouping import Groups
 from apil_core.studies.report.labels import cell_marks
-from apil_core.studies.report.models import Endings
 from apil_core.studies.report.published import published
 from apil_core.studies.report.settings import Key
 from apil_core.studies.report.sources import Sources
@@ -95,26 +93,3 @@ def method_differences(tables: Sequence[Table]) -> list[MethodDifference]:
                 named = {"table": table.id, "setting": table.setting}
                 found += [method_difference(each, base, **named) for base in measured[:i]]
     return found
-
-
-def endings(tables: Sequence[Table]) -> list[Endings]:
-    """The endings of the games of every cell of tables 1 and 2."""
-    return [_endings(table, each) for table in tables if table.number in (1, 2) for each in table.cells]
-
-
-def _endings(table: Table, own: Cell) -> Endings:
-    causes: Counter[str] = Counter()
-    for score in own.scores:
-        causes.update(score.causes)
-    return Endings(
-        table=table.id,
-        setting=table.setting,
-        game=own.game,
-        column=own.column,
-        episodes=own.episodes,
-        wins=sum(score.wins for score in own.scores),
-        ties=sum(score.ties for score in own.scores),
-        losses=sum(score.losses for score in own.scores),
-        causes=dict(causes.most_common()),
-        mean_length=sum(score.mean_length * score.episodes for score in own.scores) / own.episodes,
-    )

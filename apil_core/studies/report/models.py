@@ -117,26 +117,6 @@ class Ablation(BaseModel):
     rows: list[AblationRow]
 
 
-class Endings(BaseModel):
-    """Endings of the games of one cell, all seeds together.
-
-    Attributes:
-        table: its id.
-        causes: counts by name, most frequent first.
-    """
-
-    table: str
-    setting: str
-    game: str
-    column: str
-    episodes: int
-    wins: int
-    ties: int
-    losses: int
-    causes: dict[str, int]
-    mean_length: float
-
-
 class Snapshot(BaseModel):
     """A strip of pictures of one game: a ``data:`` URI, so that the page needs no file."""
 
@@ -244,7 +224,6 @@ class ReportData(BaseModel):
     curves: list[CurvePanel]
     retraining: list[RetrainingCurve]
     ablations: list[Ablation]
-    endings: list[Endings]
     crossplay: list[CrossPlay]
     activations: list[ActivationMap]
     snapshots: list[Snapshot]

@@ -7,20 +7,17 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from apil_core.common.charts import Pen
+from apil_core.evaluation.crossplay.document import SHARES
 from apil_core.studies.curves.captions import bands
 from apil_core.studies.report.figures.activations import activation_plots
-from apil_core.studies.report.figures.crossplay import crossplay_maps
-from apil_core.studies.report.figures.curves import diagnostic_plots, learning_curves, retraining_curves
-from apil_core.studies.report.figures.dots import (
-    ablation_dots,
-    aggregate_dots,
-    improvement_dots,
-    profile_plots,
-)
-from apil_core.studies.report.figures.endings import SEEING, ending_bars
+from apil_core.studies.report.figures.crossplay import crossplay_map
+from apil_core.studies.report.figures.curves import diagnostic_plots, learning_curve, retraining_curve
+from apil_core.studies.report.figures.dots import ablated, by_metric, improved, means, performance
+from apil_core.studies.report.figures.endings import ending_bars
 from apil_core.studies.report.figures.plot import Plot
 from apil_core.studies.report.models import ReportData
 from apil_core.studies.report.page_tables import Copy, TableView, table_views
+from apil_core.studies.report.table_models import METRICS
 from apil_core.studies.report.tables import table_texts
 from apil_core.studies.report.words import MEASURES
 
@@ -123,7 +120,12 @@ def _curves(data: ReportData, pens: Mapping[str, Pen], settings: dict[str, str])
             "Learning curves",
             intro="Lines: shares of the last 1000 training games, over seeds their mean. "
             f"Bands: {', '.join(bands(groups))}. Points: scores with their 95 % intervals.",
-            plots=learning_curves(data.curves, pens, _if_several(data.curves, settings)),
+            plots=[
+                learning_curve(panel, measure, pens, _if_several(data.curves, settings))
+                for panel in data.curves
+                for measure in MEASURES
+                if any(measure in group.lines for group in panel.groups)
+            ],
             legend=[name for name in data.columns if name in methods],
             chosen=_setting_first(settings) | {"measure": _EVERY},
         ),
@@ -131,7 +133,12 @@ def _curves(data: ReportData, pens: Mapping[str, Pen], settings: dict[str, str])
             "retraining",
             "Retraining of the victim",
             intro="Games that the victim won while it was retrained, against each opponent on its own.",
-            plots=retraining_curves(data.retraining, pens),
+            plots=[
+                retraining_curve(curve, measure, pens)
+                for curve in data.retraining
+                for measure in METRICS
+                if curve.groups
+            ],
             legend=[name for name in pens if name in opponents],
             chosen={"measure": _BOTH},
         ),
@@ -143,7 +150,7 @@ def _scores(
 ) -> list[Section]:
     shown = _if_several(data.aggregates, settings)
     files = [file for file in texts if file.startswith(("aggregates", "profiles", "improvements"))]
-    seen = {t.id: f"blinded: {t.blind}" if t.blind else SEEING for t in data.tables}
+    attacks = [table for table in data.tables if table.number in (1, 2)]
     return [
         Section(
             "aggregates",
@@ -152,9 +159,9 @@ def _scores(
             intro="The interquartile mean leaves out the lowest and the highest quarter of the scores. "
             + _PROFILES * bool(data.profiles),
             plots=[
-                *aggregate_dots(data.aggregates, pens, shown),
-                *profile_plots(data.profiles, pens, shown),
-                *improvement_dots(data.improvements, pens, shown),
+                *(means(group, pens, shown) for group in by_metric(data.aggregates)),
+                *(performance(group, pens, shown) for group in by_metric(data.profiles)),
+                *(improved(group, pens, shown) for group in by_metric(data.improvements)),
             ],
             copies=[Copy(file, texts[file]) for file in files],
             legend=list(dict.fromkeys(each.column for each in data.profiles)),
@@ -164,7 +171,7 @@ def _scores(
             "endings",
             "How games ended",
             intro="A high share of “win or tie” may be won or not: look here before you believe it.",
-            plots=ending_bars(data.endings, seen, _if_several(data.endings, settings)),
+            plots=ending_bars(attacks, _if_several(attacks, settings)),
             chosen=_setting_first(settings),
         ),
         Section(
@@ -172,7 +179,7 @@ def _scores(
             "Cross-play",
             "crossplay",
             intro="Every adversary against every victim of its game, retrained ones included.",
-            plots=crossplay_maps(data.crossplay),
+            plots=[crossplay_map(document, share) for document in data.crossplay for share in SHARES],
             chosen={"measure": _BOTH},
         ),
         Section(
@@ -180,7 +187,7 @@ def _scores(
             "Ablations",
             "ablations",
             intro="Circles: games won; diamonds: won or tied; 95 % intervals. The first row is the default.",
-            plots=ablation_dots(data.ablations, _if_several(data.ablations, settings)),
+            plots=[ablated(each, _if_several(data.ablations, settings)) for each in data.ablations],
         ),
     ]
 
@@ -193,7 +200,7 @@ def _analysis(data: ReportData, pens: Mapping[str, Pen], settings: dict[str, str
             "activations",
             "Activations of the victim",
             intro="A point is the victim’s hidden state at one step. How far apart groups lie means nothing.",
-            plots=activation_plots(data.activations, pens),
+            plots=[plot for each in data.activations for plot in activation_plots(each, pens)],
             legend=[name for name in pens if name in opponents],
         ),
         Section(

@@ -8,7 +8,7 @@ from pathlib import Path
 from apil_core.studies.report import other_results, retrained_tables, warnings
 from apil_core.studies.report.ablations import ablations
 from apil_core.studies.report.aggregates import aggregates, improvements, profiles
-from apil_core.studies.report.attack_tables import attack_tables, columns_of, endings, method_differences
+from apil_core.studies.report.attack_tables import attack_tables, columns_of, method_differences
 from apil_core.studies.report.claims import claims
 from apil_core.studies.report.grouping import group
 from apil_core.studies.report.labels import settings
@@ -41,12 +41,12 @@ def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
     differences = method_differences(tables)
     logged, panels = diagnostics(groups, named), curve_panels(groups, named, attacks, columns)
     mapped, origin = other_results.activations(sources), provenance(sources)
-    ended, missing = endings(attacks), unfinished(sources, groups.unscored)
+    missing = unfinished(sources, groups.unscored)
     found: list[Warning] = [
         *warnings.setting_warnings(all_settings, tables),
         *warnings.source_warnings(groups, named, missing, attacks),
         *warnings.attack_warnings(attacks, differences, panels, all_settings),
-        *warnings.tie_warnings(ended, attacks),
+        *warnings.tie_warnings(attacks),
         *warnings.training_warnings(logged),
         *warnings.left_out(groups, sources.replayed),
         *(Warning(kind="damaged", loud=True, text=text) for text in sources.damaged),
@@ -64,7 +64,6 @@ def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
         curves=panels,
         retraining=other_results.retraining_curves(sources),
         ablations=ablations(groups, named, logged),
-        endings=ended,
         crossplay=[played.document for played in documents],
         activations=mapped,
         snapshots=other_results.snapshots(sources),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any, Literal
 
 from pydantic import BaseModel
@@ -150,7 +151,17 @@ class Cell(BaseModel):
     @property
     def episodes(self) -> int:
         """Games of all seeds."""
-        return sum(score.episodes for score in self.scores)
+        return self.total("episodes")
+
+    def total(self, count: str) -> int:
+        """Sum over seeds of a count: ``"wins"``, ``"ties"``, ``"losses"`` or ``"episodes"``."""
+        return sum(getattr(score, count) for score in self.scores)
+
+    @property
+    def causes(self) -> dict[str, int]:
+        """How often games of all seeds ended how, most frequent first."""
+        counts = sum((Counter(score.causes) for score in self.scores), Counter[str]())
+        return dict(counts.most_common())
 
     @property
     def seeds(self) -> int:

@@ -142,7 +142,12 @@ def _lists(data: ReportData) -> dict[str, Iterable[Row]]:
             for threshold, *ends in zip(THRESHOLDS, each.value, each.low, each.high, strict=True)
         ),
         "improvements": flat(data.improvements),
-        "endings": flat(data.endings),
+        "endings": (
+            _flattened({"table": table.id, "setting": labels[table.setting], **_endings(cell)})
+            for table in data.tables
+            if table.number in (1, 2)
+            for cell in table.cells
+        ),
         "ablations": (row for ablation in data.ablations for row in _ablation_rows(ablation, labels)),
         "crossplay": (row for matrix in data.crossplay for row in _crossplay_rows(matrix)),
         "claims": (
@@ -153,6 +158,18 @@ def _lists(data: ReportData) -> dict[str, Iterable[Row]]:
         "warnings": flat(data.warnings),
         "unfinished": flat(data.unfinished),
         "runs": flat(data.provenance.runs),
+    }
+
+
+def _endings(cell: Cell) -> Row:
+    """How the games of a cell ended, all seeds together."""
+    return {
+        "game": cell.game,
+        "column": cell.column,
+        "episodes": cell.episodes,
+        **{count: cell.total(count) for count in ("wins", "ties", "losses")},
+        "causes": cell.causes,
+        "mean_length": sum(score.mean_length * score.episodes for score in cell.scores) / cell.episodes,
     }
 
 

@@ -8,12 +8,12 @@ from apil_core.evaluation.results import Rate
 from apil_core.studies.bench.matrix import BASELINE
 from apil_core.studies.curves.curves import WIN_OR_TIE
 from apil_core.studies.report.grouping import Groups
-from apil_core.studies.report.models import CurvePanel, Diagnostics, Endings, Unfinished, Warning
+from apil_core.studies.report.models import CurvePanel, Diagnostics, Unfinished, Warning
 from apil_core.studies.report.published import published
 from apil_core.studies.report.replayed import Replayed
 from apil_core.studies.report.settings import Key, changed_options, game_of
 from apil_core.studies.report.statistics import ENOUGH_SEEDS, compared
-from apil_core.studies.report.table_models import MethodDifference, Setting, Table
+from apil_core.studies.report.table_models import Cell, MethodDifference, Setting, Table
 from apil_core.studies.report.training_curves import RATIO, UNEVEN
 from apil_core.studies.report.words import amount, percent, several
 
@@ -79,35 +79,37 @@ def _seed_notes(setting: Setting, tables: Sequence[Table]) -> Iterator[str]:
         yield f"Scores of fewer than {published().episodes} games (least: {min(games)})."
 
 
-def tie_warnings(endings: Sequence[Endings], tables: Sequence[Table]) -> Iterator[Warning]:
+def tie_warnings(tables: Sequence[Table]) -> Iterator[Warning]:
     """Scores of table 1 that are mostly ties, with the meaning of a tie where the endings show it."""
-    seeing = {table.id for table in tables if table.number == 1}
-    for each in endings:
-        either = each.wins + each.ties
-        if each.table in seeing and either >= _FEW and each.ties >= TIES * either:
-            meaning = tie_meaning(each, [other for other in endings if other.game == each.game])
-            text = (
-                f"{each.column} in {each.game}: {100 * each.ties / either:.0f} % of win+tie are ties "
-                f"({each.wins} wins and {each.ties} ties of {each.episodes} games){meaning}."
-            )
-            yield _of_cell("ties", text, each.setting, each.game, each.column)
+    cells = [each for table in tables if table.number in (1, 2) for each in table.cells]
+    for table in tables:
+        for each in table.cells if table.number == 1 else ():
+            wins, ties = each.total("wins"), each.total("ties")
+            if wins + ties >= _FEW and ties >= TIES * (wins + ties):
+                meaning = tie_meaning(each, [other for other in cells if other.game == each.game])
+                text = (
+                    f"{each.column} in {each.game}: {100 * ties / (wins + ties):.0f} % of win+tie are ties "
+                    f"({wins} wins and {ties} ties of {each.episodes} games){meaning}."
+                )
+                yield _of_cell("ties", text, table.setting, each.game, each.column)
 
 
-def tie_meaning(own: Endings, game: Sequence[Endings]) -> str:
+def tie_meaning(own: Cell, game: Sequence[Cell]) -> str:
     """``"; a tie here means: keeper left goal"``, or a lower bound on the share of ties with one ending.
 
     Endings and outcomes are counted separately. If one ending's count equals the ties in every score of the
     game, ties are that ending. Otherwise the excess of an ending's count over wins and losses together is a
     lower bound on the ties with that ending.
     """
-    tied = [each for each in game if each.ties]
-    same = [cause for cause in own.causes if all(each.causes.get(cause, 0) == each.ties for each in tied)]
+    ties = own.total("ties")
+    tied = [(each.total("ties"), each.causes) for each in game if each.total("ties")]
+    same = [cause for cause in own.causes if all(causes.get(cause, 0) == count for count, causes in tied)]
     if len(same) == 1:
         return f"; a tie here means: {same[0].replace('-', ' ')}"
     cause, count = next(iter(own.causes.items()), ("", 0))
-    least = count - own.wins - own.losses
-    if least >= 0.5 * own.ties:
-        return f"; at least {100 * least / own.ties:.0f} % of the ties are: {cause.replace('-', ' ')}"
+    least = count - own.total("wins") - own.total("losses")
+    if least >= 0.5 * ties:
+        return f"; at least {100 * least / ties:.0f} % of the ties are: {cause.replace('-', ' ')}"
     return ""
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from apil_core.common.charts import Pen
@@ -15,12 +15,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def activation_plots(maps: Sequence[ActivationMap], found: Mapping[str, Pen]) -> list[Plot]:
-    """Make a t-SNE map and the log-likelihoods for each game."""
-    return [plot for each in maps for plot in _plots(each, [pen_of(found, name) for name in each.opponents])]
+def activation_plots(found: ActivationMap, pens: Mapping[str, Pen]) -> list[Plot]:
+    """Draw a t-SNE map and the log-likelihoods of one game."""
+    drawn = [pen_of(pens, name) for name in found.opponents]
 
-
-def _plots(found: ActivationMap, drawn: Sequence[Pen]) -> list[Plot]:
     def cloud(axis: Axes) -> None:
         from apil_core.studies.activations.picture import draw_map
 
@@ -31,12 +29,8 @@ def _plots(found: ActivationMap, drawn: Sequence[Pen]) -> list[Plot]:
 
         draw_likelihood(axis, found, drawn)
 
-    counts = [
-        (name, f"{len(points)} points") for name, points in zip(found.opponents, found.points, strict=True)
-    ]
-    means = [
-        (name, f"{each.mean:.1f}") for name, each in zip(found.opponents, found.log_likelihood, strict=True)
-    ]
+    counts = zip(found.opponents, (f"{len(points)} points" for points in found.points), strict=True)
+    means = zip(found.opponents, (f"{each.mean:.1f}" for each in found.log_likelihood), strict=True)
     return [
         Plot(
             cloud,

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from apil_core.evaluation.crossplay.document import SHARES, CrossPlay, Share, share_of
+from apil_core.evaluation.crossplay.document import CrossPlay, Share, share_of
 from apil_core.studies.report.figures.palette import GROUND
 from apil_core.studies.report.figures.plot import WIDTH, Plot
 from apil_core.studies.report.words import percent
@@ -18,12 +17,8 @@ _CELL = (0.95, 0.42)  # inches
 _LETTER = 0.07  # inches, of the labels' font
 
 
-def crossplay_maps(documents: Sequence[CrossPlay]) -> list[Plot]:
-    """Make one heat map for each game and measure."""
-    return [_map(document, share) for document in documents for share in SHARES]
-
-
-def _map(document: CrossPlay, share: Share) -> Plot:
+def crossplay_map(document: CrossPlay, share: Share) -> Plot:
+    """Draw a cross-play's heat map of one measure."""
     victims = [player.label for player in document.victims]
     cell = max(_CELL[0], _LETTER * max(map(len, victims)))
     names = _LETTER * max(len(player.label) for player in document.adversaries)
@@ -34,10 +29,18 @@ def _map(document: CrossPlay, share: Share) -> Plot:
         draw_matrix(axis, document, share, ground=GROUND)
         axis.grid(visible=False)
 
+    words = [
+        f"{adversary.label} against "
+        + ", ".join(
+            f"{victim.label} {'not yet' if score is None else f'{percent(share_of(score, share).value)} %'}"
+            for victim, score in zip(document.victims, row, strict=True)
+        )
+        for adversary, row in zip(document.adversaries, document.scores, strict=True)
+    ]
     return Plot(
         draw,
         title=f"{document.env}: {_MEASURES[share]}, %",
-        alt=f"Cross-play in {document.env}: {_MEASURES[share]}. " + " ".join(_words(document, share)),
+        alt=f"Cross-play in {document.env}: {_MEASURES[share]}. {'. '.join(words)}.",
         caption=f"{setting_of(document)}.",
         facets={"game": document.env, "measure": share},
         wide=cell * len(victims) + names + 0.4 > WIDTH,
@@ -53,15 +56,3 @@ def setting_of(document: CrossPlay) -> str:
     facts += [f"{first.physics} physics"] if first.physics else []
     facts.append(f"actions {first.adversary_actions}/{first.victim_actions}")
     return ", ".join(facts)
-
-
-def _words(document: CrossPlay, share: Share) -> list[str]:
-    return [
-        f"{adversary.label} against "
-        + ", ".join(
-            f"{victim.label} {'not yet' if score is None else f'{percent(share_of(score, share).value)} %'}"
-            for victim, score in zip(document.victims, row, strict=True)
-        )
-        + "."
-        for adversary, row in zip(document.adversaries, document.scores, strict=True)
-    ]

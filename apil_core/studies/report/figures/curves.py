@@ -10,6 +10,7 @@ from apil_core.studies.curves.curves import IMITATOR, RETURN, WIN, WIN_OR_TIE, L
 from apil_core.studies.report.figures.palette import pen_of
 from apil_core.studies.report.figures.plot import Plot, level, listing, scale_top
 from apil_core.studies.report.models import CurvePanel, Diagnostics, RetrainingCurve
+from apil_core.studies.report.table_models import METRICS
 from apil_core.studies.report.words import MEASURES, amount, percent
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ _AXES = {
     RETURN: "return per game",
     IMITATOR: "squared error ÷ best constant's",
 }
-_SHARES = (WIN, WIN_OR_TIE)
 
 _LOGGED = {
     "kl": "KL between successive adversaries",
@@ -36,25 +36,17 @@ TRIVIAL = "2H, the trivial bound"
 _DECADES = 100.0  # of the largest by the least value, from which a logarithmic axis reads better
 
 
-def learning_curves(
-    panels: Sequence[CurvePanel], found: Mapping[str, Pen], settings: Mapping[str, str]
-) -> list[Plot]:
-    """Make one figure for each panel and measure that has data.
+def learning_curve(
+    panel: CurvePanel, measure: str, found: Mapping[str, Pen], settings: Mapping[str, str]
+) -> Plot:
+    """Draw a measure of a panel.
 
     Args:
-        panels: games and settings.
+        panel: a game and setting.
+        measure: one that any of its groups has.
         found: pens by method.
         settings: labels by id, where there are several.
     """
-    return [
-        _learning(panel, measure, found, settings)
-        for panel in panels
-        for measure in MEASURES
-        if any(measure in group.lines for group in panel.groups)
-    ]
-
-
-def _learning(panel: CurvePanel, measure: str, found: Mapping[str, Pen], settings: Mapping[str, str]) -> Plot:
     groups = [group for group in panel.groups if measure in group.lines]
 
     def draw(axis: Axes) -> None:
@@ -62,14 +54,14 @@ def _learning(panel: CurvePanel, measure: str, found: Mapping[str, Pen], setting
 
         draw_panel(axis, measure, groups, [pen_of(found, group.curves[0].method) for group in groups])
         axis.set_ylabel(_AXES[measure])
-        if measure in _SHARES:
+        if measure in METRICS:
             # both shares of a game have one scale, from 0, so that they can be compared
             axis.set_ylim(0, scale_top(100 * max(_shares(panel), default=0.0)))
             base = getattr(panel, f"baseline_{measure}")
             if base is not None:
                 level(axis, 100 * base, f"baseline {percent(base)} %")
 
-    ends = [(group.label, _last(group.lines[measure], measure in _SHARES)) for group in groups]
+    ends = [(group.label, _last(group.lines[measure], measure in METRICS)) for group in groups]
     return Plot(
         draw,
         title=f"{panel.game}: {MEASURES[measure]}",
@@ -81,19 +73,15 @@ def _learning(panel: CurvePanel, measure: str, found: Mapping[str, Pen], setting
 
 def _shares(panel: CurvePanel) -> Iterable[float]:
     for group in panel.groups:
-        for measure in _SHARES:
+        for measure in METRICS:
             if measure in group.lines:
                 yield from group.lines[measure].high or group.lines[measure].value
             yield from (getattr(point, measure).high for curve in group.curves for point in curve.scores)
     yield from (share for share in (panel.baseline_win, panel.baseline_win_or_tie) if share is not None)
 
 
-def retraining_curves(curves: Sequence[RetrainingCurve], found: Mapping[str, Pen]) -> list[Plot]:
-    """Make one figure for each retraining and measure: the victim's games against each opponent."""
-    return [_retraining(curve, measure, found) for curve in curves for measure in _SHARES if curve.groups]
-
-
-def _retraining(curve: RetrainingCurve, measure: str, found: Mapping[str, Pen]) -> Plot:
+def retraining_curve(curve: RetrainingCurve, measure: str, found: Mapping[str, Pen]) -> Plot:
+    """Draw the victim's games against each opponent in a retraining."""
     attack = curve.method if curve.label == curve.method else f"{curve.method} ({curve.label})"
 
     def draw(axis: Axes) -> None:

@@ -26,14 +26,8 @@ Ends = tuple[float, float, float]
 """Value, low and high of a share."""
 
 
-def aggregate_dots(
-    aggregates: Sequence[Aggregate], found: Mapping[str, Pen], settings: Mapping[str, str]
-) -> list[Plot]:
-    """Make one figure of interquartile means for each setting and metric, a row for each method."""
-    return [_means(group, found, settings) for group in _grouped(aggregates)]
-
-
-def _means(group: Sequence[Aggregate], found: Mapping[str, Pen], settings: Mapping[str, str]) -> Plot:
+def means(group: Sequence[Aggregate], found: Mapping[str, Pen], settings: Mapping[str, str]) -> Plot:
+    """Draw interquartile means of one setting and metric, a row for each method."""
     ends = [(e.iqm, e.iqm if e.low is None else e.low, e.iqm if e.high is None else e.high) for e in group]
     rows = [[(each, pen_of(found, of.column))] for each, of in zip(ends, group, strict=True)]
     values = [(each.column, each.iqm) for each in group]
@@ -42,25 +36,15 @@ def _means(group: Sequence[Aggregate], found: Mapping[str, Pen], settings: Mappi
     return _plot(draw, group[0], title, values, settings, height=0.5 + 0.26 * len(group))
 
 
-def profile_plots(
-    profiles: Sequence[Profile], found: Mapping[str, Pen], settings: Mapping[str, str]
-) -> list[Plot]:
-    """Make one figure of performance profiles for each setting and metric."""
-    return [_profiles(group, found, settings) for group in _grouped(profiles)]
+def performance(group: Sequence[Profile], found: Mapping[str, Pen], settings: Mapping[str, str]) -> Plot:
+    """Draw performance profiles of one setting and metric."""
 
-
-def _profiles(group: Sequence[Profile], found: Mapping[str, Pen], settings: Mapping[str, str]) -> Plot:
     def draw(axis: Axes) -> None:
         scores = [100 * threshold for threshold in THRESHOLDS]
         for each in group:
             pen = pen_of(found, each.column)
             value, low, high = ([100 * v for v in values] for values in (each.value, each.low, each.high))
-            line: dict[str, Any] = {
-                "color": pen.colour,
-                "linestyle": pen.dashes,
-                "linewidth": 1.8,
-                "zorder": 3,
-            }
+            line: Any = {"color": pen.colour, "linestyle": pen.dashes, "linewidth": 1.8, "zorder": 3}
             axis.step(scores, value, where="post", **line)
             axis.fill_between(scores, low, high, step="post", color=pen.colour, alpha=0.15, linewidth=0)
         axis.set(xlim=(0, 100), ylim=(0, 102), ylabel="runs with a higher score, %")
@@ -70,16 +54,9 @@ def _profiles(group: Sequence[Profile], found: Mapping[str, Pen], settings: Mapp
     return _plot(draw, group[0], "Performance profile", values, settings, runs, "runs above 50 %, ")
 
 
-def improvement_dots(
-    improvements: Sequence[Improvement], found: Mapping[str, Pen], settings: Mapping[str, str]
-) -> list[Plot]:
-    """Make one figure of probabilities of improvement for each setting and metric, a row for each pair."""
-    return [_improvements(group, found, settings) for group in _grouped(improvements)]
+def improved(group: Sequence[Improvement], found: Mapping[str, Pen], settings: Mapping[str, str]) -> Plot:
+    """Draw probabilities of improvement of one setting and metric, a row for each pair."""
 
-
-def _improvements(
-    group: Sequence[Improvement], found: Mapping[str, Pen], settings: Mapping[str, str]
-) -> Plot:
     def draw(axis: Axes) -> None:
         rows = [[((each.value, each.low, each.high), pen_of(found, each.column))] for each in group]
         draw_rows(axis, [f"{short(each.column)} over {short(each.base)}" for each in group], rows)
@@ -116,35 +93,27 @@ def _plot(
     )
 
 
-def _grouped(items: Sequence[Of]) -> list[list[Of]]:
-    """By setting and metric."""
+def by_metric(items: Sequence[Of]) -> list[list[Of]]:
+    """Group by setting and metric."""
     groups: dict[tuple[str, str], list[Of]] = {}
     for each in items:
         groups.setdefault((each.setting, each.metric), []).append(each)
     return list(groups.values())
 
 
-def ablation_dots(ablations: Sequence[Ablation], settings: Mapping[str, str]) -> list[Plot]:
-    """Make one figure for each ablation: a row for each value, circles for win, diamonds for win or tie."""
-    return [plot for ablation in ablations if (plot := _ablation(ablation, settings)) is not None]
-
-
-def _ablation(ablation: Ablation, settings: Mapping[str, str]) -> Plot | None:
-    names, rows, wins = [], [], []
-    for row in ablation.rows:
-        win, tie = row.cell.win.measured, row.cell.win_or_tie.measured
-        if win is not None and tie is not None:
-            names.append(short(row.value))
-            rows.append(
-                [((share.value, share.low, share.high), pen) for share, pen in ((tie, _TIE), (win, _WIN))]
-            )
-            wins.append((row.value, f"{percent(win.value)} %"))
-    if not rows:
-        return None
+def ablated(ablation: Ablation, settings: Mapping[str, str]) -> Plot:
+    """Draw an ablation: a row for each value that was measured, circles for win, diamonds for win or tie."""
+    pairs = [(row.value, row.cell.win.measured, row.cell.win_or_tie.measured) for row in ablation.rows]
+    measured = [(name, win, tie) for name, win, tie in pairs if win is not None and tie is not None]
+    rows = [
+        [((share.value, share.low, share.high), pen) for share, pen in ((tie, _TIE), (win, _WIN))]
+        for _, win, tie in measured
+    ]
+    wins = listing([(name, f"{percent(win.value)} %") for name, win, _ in measured])
     return Plot(
-        lambda axis: draw_rows(axis, names, rows),
+        lambda axis: draw_rows(axis, [short(name) for name, _, _ in measured], rows),
         title=f"{ablation.game}, {ablation.method}: {ablation.title}",
-        alt=f"{ablation.title}, {ablation.method} in {ablation.game}, win: {listing(wins)}.",
+        alt=f"{ablation.title}, {ablation.method} in {ablation.game}, win: {wins}.",
         caption=settings.get(ablation.setting, ""),
         facets={"game": ablation.game},
         height=0.5 + 0.3 * len(rows),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from apil_core.studies.report.figures.palette import CAUSES, GROUND, placeholder
 from apil_core.studies.report.figures.plot import Plot, listing, short
-from apil_core.studies.report.models import Endings
+from apil_core.studies.report.table_models import Cell, Table
 from apil_core.studies.report.words import percent
 
 if TYPE_CHECKING:
@@ -38,68 +38,64 @@ class Part(NamedTuple):
     hatch: str
 
 
-def ending_bars(
-    endings: Sequence[Endings], scores: Mapping[str, str], settings: Mapping[str, str]
-) -> list[Plot]:
-    """Make two figures for each game of a table: by outcome and by cause, a bar for each column.
+def ending_bars(tables: Sequence[Table], settings: Mapping[str, str]) -> list[Plot]:
+    """Make two figures for each game of tables 1 and 2: by outcome and by cause, a bar for each column.
 
     Args:
-        endings: those without games are left out.
-        scores: the adversary's observation, by table, e.g. ``"blinded: zeros"``.
+        tables: cells without games are left out.
         settings: labels by id, where there are several.
     """
-    groups: dict[tuple[str, str], list[Endings]] = {}
+    rows = [(table, [c for c in row if c.episodes]) for table in tables for row in table.rows]
     causes: dict[str, Counter[str]] = {}
-    for ending in endings:
-        if ending.episodes:
-            groups.setdefault((ending.table, ending.game), []).append(ending)
-            causes.setdefault(ending.game, Counter()).update(ending.causes)
+    for cell in (cell for _, row in rows for cell in row):
+        causes.setdefault(cell.game, Counter()).update(cell.causes)
     plots = []
-    for (table, game), group in groups.items():
-        words, score = settings.get(group[0].setting, ""), scores.get(table, table)
-        outcomes = [Part(name, [getattr(e, key) for e in group], c, h) for name, key, c, h in _OUTCOMES]
-        # a cause has one colour in all figures of its game
-        counted = _counted(group, [name for name, _ in causes[game].most_common()])
+    for table, row in ((table, row) for table, row in rows if row):
+        outcomes = [Part(name, [cell.total(key) for cell in row], c, h) for name, key, c, h in _OUTCOMES]
+        counted = [
+            Part(
+                name,
+                [cell.causes.get(name, 0) for cell in row],
+                # a cause has one colour in all figures of its game; a repeated one has another pattern
+                CAUSES[i % len(CAUSES)],
+                _HATCHES[(i + i // len(CAUSES)) % len(_HATCHES)],
+            )
+            for i, (name, _) in enumerate(causes[row[0].game].most_common())
+        ]
         plots += [
-            _bars(group, kind, parts, score, words)
-            for kind, parts in (("outcome", outcomes), ("cause", counted))
+            _bars(table, row, "outcome", outcomes, settings),
+            _bars(table, row, "cause", counted, settings),
         ]
     return plots
 
 
-def _counted(group: Sequence[Endings], causes: Sequence[str]) -> list[Part]:
-    return [
-        Part(
-            name,
-            [ending.causes.get(name, 0) for ending in group],
-            CAUSES[i % len(CAUSES)],
-            # a repeated colour has another pattern
-            _HATCHES[(i + i // len(CAUSES)) % len(_HATCHES)],
-        )
-        for i, name in enumerate(causes)
-    ]
-
-
-def _bars(group: Sequence[Endings], kind: str, parts: Sequence[Part], score: str, setting: str) -> Plot:
+def _bars(
+    table: Table, row: Sequence[Cell], kind: str, parts: Sequence[Part], settings: Mapping[str, str]
+) -> Plot:
     ncols = max(1, min(len(parts), _LETTERS // (max(len(short(part.name)) for part in parts) + 6)))
-    game = group[0].game
-    blinded = f", {score}" if score != SEEING else ""
+    game, score = row[0].game, f"blinded: {table.blind}" if table.blind else SEEING
+    what = f"{game}, {score}" if table.blind else game
+    words = [
+        f"{cell.column}: "
+        + listing([(p.name, f"{percent(p.counts[i] / cell.episodes)} %") for p in parts if p.counts[i]])
+        for i, cell in enumerate(row)
+    ]
     return Plot(
-        lambda axis: _draw(axis, group, parts, ncols),
-        title=f"{game}{blinded}: by {kind}",
-        alt=f"How games ended in {game}{blinded}, by {kind}. " + " ".join(_words(group, parts)),
-        caption=setting,
-        facets={"game": game, "kind": kind, "score": score, "setting": group[0].setting},
-        height=0.5 + 0.26 * len(group) + 0.17 * math.ceil(len(parts) / ncols),
+        lambda axis: _draw(axis, row, parts, ncols),
+        title=f"{what}: by {kind}",
+        alt=f"How games ended in {what}, by {kind}. {'. '.join(words)}.",
+        caption=settings.get(table.setting, ""),
+        facets={"game": game, "kind": kind, "score": score, "setting": table.setting},
+        height=0.5 + 0.26 * len(row) + 0.17 * math.ceil(len(parts) / ncols),
     )
 
 
-def _draw(axis: Axes, group: Sequence[Endings], parts: Sequence[Part], ncols: int) -> None:
-    left = [0.0] * len(group)
+def _draw(axis: Axes, row: Sequence[Cell], parts: Sequence[Part], ncols: int) -> None:
+    left = [0.0] * len(row)
     for part in parts:
-        shares = [100 * n / ending.episodes for n, ending in zip(part.counts, group, strict=True)]
+        shares = [100 * n / cell.episodes for n, cell in zip(part.counts, row, strict=True)]
         axis.barh(
-            range(len(group)),
+            range(len(row)),
             shares,
             left=left,
             height=0.72,
@@ -110,17 +106,8 @@ def _draw(axis: Axes, group: Sequence[Endings], parts: Sequence[Part], ncols: in
             label=short(part.name),
         )
         left = [begin + share for begin, share in zip(left, shares, strict=True)]
-    axis.set(xlim=(0, 100.4), ylim=(len(group) - 0.5, -0.5))
-    axis.set_yticks(range(len(group)), [short(ending.column) for ending in group])
+    axis.set(xlim=(0, 100.4), ylim=(len(row) - 0.5, -0.5))
+    axis.set_yticks(range(len(row)), [short(cell.column) for cell in row])
     axis.xaxis.set_major_formatter("{x:g} %")
     axis.grid(axis="y", visible=False)
     axis.get_figure().legend(loc="outside lower left", ncols=ncols, fontsize=8)  # type: ignore[union-attr]
-
-
-def _words(group: Sequence[Endings], parts: Sequence[Part]) -> list[str]:
-    return [
-        f"{ending.column}: "
-        + listing([(p.name, f"{percent(p.counts[i] / ending.episodes)} %") for p in parts if p.counts[i]])
-        + "."
-        for i, ending in enumerate(group)
-    ]

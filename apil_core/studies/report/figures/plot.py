@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -146,6 +146,6 @@ def scale_top(highest: float) -> float:
     return min(102.0, 10.0 * math.ceil((highest + 2) / 10))
 
 
-def listing(pairs: Sequence[tuple[str, str]]) -> str:
+def listing(pairs: Iterable[tuple[str, str]]) -> str:
     """Format shares for alternative texts: ``apil 31.0 %, e_apil 33.1 %``."""
     return ", ".join(f"{name} {value}" for name, value in pairs)
