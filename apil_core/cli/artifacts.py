@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
@@ -52,7 +52,9 @@ def make_artifacts(run: RunDir, progress: Progress | None = None) -> RunArtifact
         lack = "no score of the game's own opponent"
         made.opponent = _attempt(made, lack, lambda: _own_opponent(run, progress))
         lack = "no score against a blinded victim"
-        made.victim_blinded = _attempt(made, lack, lambda: _unseen(run, progress))
+        made.victim_blinded = _attempt(
+            made, lack, lambda: _score(run, progress, run.path, blind_victim="zeros")
+        )
     made.curve = _attempt(made, "no learning curve", lambda: _draw(run))
     made.won_game = _attempt(made, "no video of a won game", lambda: _record_win(run, progress))
     return made
@@ -68,7 +70,6 @@ def _attempt(made: RunArtifacts, lack: str, make: Callable[[], Made]) -> Made | 
 
 
 def _own_opponent(run: RunDir, progress: Progress) -> EvaluationResult | None:
-    from apil_core.evaluation.score import evaluate
     from apil_core.plugins.default_victim import default_baseline
     from apil_core.plugins.discovery import discover
 
@@ -78,32 +79,19 @@ def _own_opponent(run: RunDir, progress: Progress) -> EvaluationResult | None:
     name = default_baseline(spec, plugins)
     if not name or config.victim_side not in (None, spec.victim_side):  # it plays in one seat only
         return None
-    return evaluate(
-        name,
-        like=config,
-        plugins=plugins,
-        trust=config.trust,
-        episodes=config.evaluation.episodes,
-        seed=config.seed,
-        threads=config.threads,
-        device=config.device,
-        progress=progress,
-    )
+    return _score(run, progress, name, like=config, plugins=plugins, trust=config.trust)
 
 
-def _unseen(run: RunDir, progress: Progress) -> EvaluationResult:
+def _score(run: RunDir, progress: Progress, name: Path | str, **options: Any) -> EvaluationResult:
+    """Score an adversary in the games of the run's own score."""
+    from apil_core.evaluation.options import EvaluationOptions
     from apil_core.evaluation.score import evaluate
 
     config = run.config()
-    return evaluate(
-        run.path,
-        episodes=config.evaluation.episodes,
-        seed=config.seed,
-        blind_victim="zeros",
-        threads=config.threads,
-        device=config.device,
-        progress=progress,
+    shared = EvaluationOptions(
+        episodes=config.evaluation.episodes, seed=config.seed, threads=config.threads, device=config.device
     )
+    return evaluate(name, shared, progress=progress, **options)
 
 
 def _draw(run: RunDir) -> Path:

@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from io import StringIO
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from apil_core.common.errors import ConfigError, RunDirError, UnknownNameError
+from apil_core.common.errors import ConfigError, RunDirError, UnknownNameError, suggest
 from apil_core.common.files import read_json, write_atomically
 from apil_core.common.trust import named_in
 
@@ -80,10 +81,41 @@ class Layer:
         return replace(self, data={**self.data, "options": kept})
 
 
+def shipped_names(package: str, folder: str) -> list[str]:
+    """Names of the YAML files that ship in a folder of a package."""
+    entries = (resources.files(package) / folder).iterdir()
+    return sorted(entry.name[:-5] for entry in entries if entry.name.endswith(".yaml"))
+
+
+def named_text(name: PathLike[str] | str, package: str, folder: str, kind: str) -> tuple[str, str]:
+    """Text of a file, or of the one of that name that ships in a package's folder.
+
+    Args:
+        name: path, or name without ``.yaml``.
+        package, folder: where shipped ones are.
+        kind: what they are, for messages.
+
+    Returns:
+        the text, and its name for messages.
+
+    Raises:
+        ConfigError: there is none, or it cannot be read.
+    """
+    path, shipped = Path(name), shipped_names(package, folder)
+    if str(name) in shipped and not path.is_file():
+        return (resources.files(package) / folder / f"{name}.yaml").read_text("utf-8"), f"{kind} {name}"
+    try:
+        return path.read_text("utf-8"), str(path)
+    except FileNotFoundError:
+        hint = suggest(str(name), shipped)
+        raise ConfigError(f"{name}: no such file, and no {kind} that ships with apil{hint}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{name}: cannot be read: {error}") from error
+
+
 def preset_names() -> list[str]:
     """Presets that ship with the package."""
-    folder = resources.files("apil_core.config") / "presets"
-    return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+    return shipped_names("apil_core.config", "presets")
 
 
 def preset_layer(name: str) -> Layer:

@@ -20,7 +20,7 @@ from apil_core.cli import main
 from apil_core.common.extras import install_command
 from apil_core.studies.bench.cells import resolve_matrix
 from apil_core.studies.bench.executor import LocalProcesses
-from apil_core.studies.bench.folder import BenchDir, score_path
+from apil_core.studies.bench.folder import BenchDir, read_score, score_path
 from apil_core.studies.bench.jobs import JobStatus, make_jobs
 from apil_core.studies.bench.schedule import Watch, run_jobs
 from apil_core.studies.bench.work import perform
@@ -73,13 +73,13 @@ def test_a_job_does_what_is_missing_and_no_more(done: JobStatus):
     assert perform(done.bench.path, CELL) == "done"
     assert {path: path.stat().st_mtime_ns for path in run.path.rglob("*.json*")} == before
 
-    score = done.bench.cells()[0].score("plain")
+    score = read_score(run.path, "plain")
     assert (score.episodes, score.trained_steps, score.blind) == (20, 3072, None)
     # more games are asked for now: played anew, the training is kept
     more = made(done.bench.path, small_matrix(scores={"plain": {"episodes": 30}}))
     assert not more.is_done(job)
     perform(done.bench.path, CELL)
-    assert more.bench.cells()[0].score("plain").episodes == 30
+    assert read_score(run.path, "plain").episodes == 30
     assert [row["steps"] for row in read_metrics(run.metrics_path)] == [512 * i for i in range(1, 7)]
 
     # a damaged score is an error, not played over

@@ -12,7 +12,7 @@ from apil_core.common.errors import ConfigError
 from apil_core.common.numbers import whole_number
 from apil_core.evaluation.crossplay.document import CrossPlay
 from apil_core.studies.bench.cells import resolve_matrix
-from apil_core.studies.bench.folder import BenchDir, read_crossplay
+from apil_core.studies.bench.folder import BenchDir, read_crossplay, read_score
 from apil_core.studies.bench.jobs import JobStatus, make_jobs
 from apil_core.studies.bench.matrix import Matrix, RetrainingStage, load_matrix
 from apil_core.studies.bench.players import with_full_names
@@ -60,16 +60,17 @@ def test_a_raised_budget_takes_finished_cells_on(tmp_path: Path) -> None:
     whole = {"crossplay": None, "snapshots": {}}
     run(tmp_path / "raised", **whole)
     bench = BenchDir(tmp_path / "raised")
-    (cell,) = bench.cells()
-    before = (cell.run.result() or {})["steps"], bench.snapshot_path(cell.name).read_bytes()
+    ((cell,), first) = resolve_matrix(bench.matrix()).cells, bench.cells()[0].run
+    before = (first.result() or {})["steps"], bench.snapshot_path(cell.name).read_bytes()
     retrained = bench.retrained_dir(cell.name)
     retrained.mkdir(parents=True)
     run(tmp_path / "raised", steps=1024, **whole)
     run(tmp_path / "at_once", steps=1024, **whole)
     (raised,), (at_once,) = bench.cells(), BenchDir(tmp_path / "at_once").cells()
     assert before[0] == 512
-    assert (raised.name, raised.steps, raised.score("plain").trained_steps) == (cell.name, 1024, 1024)
-    assert raised.score("plain").wins == at_once.score("plain").wins
+    one, other = (read_score(each.run.path, "plain") for each in (raised, at_once))
+    assert (raised.cell.name, raised.cell.steps, one.trained_steps) == (cell.name, 1024, 1024)
+    assert one.wins == other.wins
     assert raised.run.last_metrics()["ppo/value"] == at_once.run.last_metrics()["ppo/value"]
     assert not retrained.exists()  # it was hardened against another adversary
     assert (tmp_path / "raised" / "earlier" / cell.name / "0").is_dir()

@@ -216,5 +216,5 @@ def test_a_stored_matrix_comes_back_equal(tmp_path: Path):
     matrix = resolve_matrix(load_matrix("smoke")).matrix
     bench.write_matrix(matrix)
     assert bench.matrix() == matrix
-    assert [c.name for c in bench.cells()] == names(matrix)
+    assert [c.cell.name for c in bench.cells()] == names(matrix)
     assert {c.status for c in bench.cells()} == {"waiting"}

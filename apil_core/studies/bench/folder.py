@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +18,7 @@ from apil_core.training.storage.run_dir import RunDir
 if TYPE_CHECKING:
     from apil_core.evaluation.crossplay.document import CrossPlay
     from apil_core.studies.activations.models import ActivationMap
+    from apil_core.studies.bench.cells import Cell
 
 MATRIX_FILE, SEEDS_FILE = "matrix.yaml", "seeds.yaml"
 
@@ -27,19 +28,12 @@ class CellDir:
     """One cell's run on disk, started or not.
 
     Attributes:
-        env, method, seed, steps, victim, axes: see :class:`apil_core.studies.bench.cells.Cell`.
-        name: below ``cells/``.
+        cell: of the matrix.
         run: its run directory.
         failure: why the last attempt failed, or ``""``.
     """
 
-    env: str
-    method: str
-    seed: int
-    steps: int
-    victim: str
-    axes: Mapping[str, Any]
-    name: str
+    cell: Cell
     run: RunDir
     failure: str = ""
 
@@ -51,14 +45,6 @@ class CellDir:
         if not self.run.config_path.is_file():
             return "waiting"
         return str(self.run.summary()["status"])
-
-    def score(self, name: str) -> Any:
-        """The score of that name, an ``EvaluationResult``, or ``None`` if there is none yet.
-
-        Raises:
-            RunDirError: its file is damaged.
-        """
-        return read_score(self.run.path, name)
 
 
 class BenchDir:
@@ -109,17 +95,7 @@ class BenchDir:
 
         benchmark = resolve_matrix(self.matrix(), str(self.matrix_path))
         return [
-            CellDir(
-                env=cell.game,
-                method=cell.method,
-                seed=cell.seed,
-                steps=cell.steps,
-                victim=cell.victim,
-                axes=cell.axes,
-                name=cell.name,
-                run=self.cell(cell.name),
-                failure=self.failure(f"cells/{cell.name}"),
-            )
+            CellDir(cell, self.cell(cell.name), self.failure(f"cells/{cell.name}"))
             for cell in benchmark.cells
         ]
 

@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from apil_core.api.config import ActionMode, BlindMode, Section
 from apil_core.api.profiles import Profile
 from apil_core.common.numbers import number_list, whole_number
-from apil_core.config.layers import texts_in
+from apil_core.config.layers import named_text, shipped_names, texts_in
 
 MATRIX_VERSION = 2
 """Raised when a matrix of this version could be misread by older code."""
@@ -253,34 +253,7 @@ _OWN_AXES = {
 
 def matrix_names() -> list[str]:
     """Names of the matrices that ship with the package."""
-    from importlib import resources
-
-    folder = resources.files("apil_core.studies.bench") / "matrices"
-    return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml"))
-
-
-def matrix_text(name: str) -> tuple[str, str]:
-    """Text of a matrix, by a file's path or a shipped one's name, and its name for error messages.
-
-    Raises:
-        ConfigError: there is none.
-    """
-    from importlib import resources
-
-    from apil_core.common.errors import ConfigError, suggest
-
-    path = Path(name)
-    if name in matrix_names() and not path.is_file():
-        return (resources.files("apil_core.studies.bench") / "matrices" / f"{name}.yaml").read_text(
-            "utf-8"
-        ), f"matrix {name}"
-    try:
-        return path.read_text("utf-8"), str(path)
-    except FileNotFoundError:
-        hint = suggest(name, matrix_names())
-        raise ConfigError(f"{name}: no such file, and no matrix that ships with apil{hint}") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{name}: cannot be read: {error}") from error
+    return shipped_names(__package__, "matrices")
 
 
 def _beside(file: Path, policy: Any) -> Any:
@@ -301,7 +274,7 @@ def load_matrix(name: str) -> Matrix:
     from apil_core.config.layers import from_folder, parse_yaml
     from apil_core.config.problems import Problem, raise_problems, validated
 
-    text, origin = matrix_text(name)
+    text, origin = named_text(name, __package__, "matrices", "matrix")
     data, lines = parse_yaml(text, origin)
     if isinstance(data.get("config"), dict) and origin == str(Path(name)):
         data["config"] = from_folder(Path(name).parent, data["config"])

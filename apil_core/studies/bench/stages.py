@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from typing import TYPE_CHECKING, Any
 
-from apil_core.common.errors import ConfigError
 from apil_core.evaluation.progress import Progress
 from apil_core.studies.bench.cells import Cell
 from apil_core.training.storage.run_dir import RunDir
@@ -28,8 +27,7 @@ def harden(status: JobStatus, cell: Cell, threads: int, progress: Progress) -> b
     from apil_core.studies.bench.still_valid import check_same_retraining
 
     stage, directory = status.benchmark.matrix.retraining, status.bench.retrained_dir(cell.name)
-    if stage is None:
-        raise ConfigError(f"the matrix of {status.bench.path} has no retraining")
+    assert stage is not None
     shared: Any = {"progress": progress, "plugins": status.benchmark.plugins, "command": status.command}
     if RunDir(directory).checkpoints():
         check_same_retraining(directory, stage)
@@ -58,8 +56,7 @@ def play_all(status: JobStatus, game: str, threads: int, progress: Progress) -> 
     from apil_core.evaluation.crossplay.crossplay import crossplay
 
     stage = status.benchmark.matrix.crossplay
-    if stage is None:
-        raise ConfigError(f"the matrix of {status.bench.path} has no cross-play")
+    assert stage is not None
     path = status.bench.crossplay_path(game)
     path.parent.mkdir(parents=True, exist_ok=True)
     stored = read_crossplay(status.bench, game)
@@ -82,8 +79,7 @@ def map_activations(status: JobStatus, game: str, threads: int, progress: Progre
     from apil_core.studies.activations.options import Sampling
 
     stage = status.benchmark.matrix.activations
-    if stage is None:
-        raise ConfigError(f"the matrix of {status.bench.path} has no activations")
+    assert stage is not None
     opponents = status.adversaries(game)
     config = status.benchmark.cells_of(game)[0].config
     found = analyze(

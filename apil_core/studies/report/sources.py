@@ -174,31 +174,32 @@ def _read_bench(bench: StoredBench, found: Sources) -> None:
     matrix = bench.matrix()
     found.benches[str(bench.path)] = (bench, matrix)
     victims: dict[tuple[str, str], None] = {}
-    for cell in bench.cells():
-        victims[cell.env, cell.victim] = None
-        if not cell.run.config_path.is_file():
-            found.missing.append(_missing(cell, cell.status, cell.failure or "not started"))
+    for stored in bench.cells():
+        cell, run = stored.cell, stored.run
+        victims[cell.game, cell.victim] = None
+        if not run.config_path.is_file():
+            found.missing.append(_missing(stored, stored.status, stored.failure or "not started"))
             continue
         try:
-            found.runs.append(_read_run(cell.run, cell.name, tuple(cell.axes), cell.failure))
+            found.runs.append(_read_run(run, cell.name, tuple(cell.axes), stored.failure))
         except ApilError as error:  # one damaged cell must not hide the others
-            found.missing.append(_missing(cell, "damaged", str(error)))
+            found.missing.append(_missing(stored, "damaged", str(error)))
     for game, victim in victims:
         for label in (BASELINE, *matrix.adversaries.get(game, ())):
             scores = (found.read(bench.adversary, game, name, victim, label) for name in matrix.scores)
             found.replayed.extend(Replayed(label, score) for score in scores if score is not None)
 
 
-def _missing(cell: CellDir, status: str, reason: str) -> Unfinished:
+def _missing(stored: CellDir, status: str, reason: str) -> Unfinished:
     """A cell without a started run, or whose run cannot be read."""
     return Unfinished(
-        game=cell.env,
-        method=cell.method,
-        label=cell.name,
+        game=stored.cell.game,
+        method=stored.cell.method,
+        label=stored.cell.name,
         status=status,
-        planned_steps=cell.steps,
+        planned_steps=stored.cell.steps,
         reason=reason,
-        path=str(cell.run.path),
+        path=str(stored.run.path),
     )
 
 

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from importlib import resources
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import FiniteFloat, ValidationError, model_validator
 
 from apil_core.api.config import RunConfig, Section
 from apil_core.common.documents import plain
-from apil_core.common.errors import ConfigError, suggest
-from apil_core.config.layers import Layer, flag_layer, parse_yaml
+from apil_core.common.errors import ConfigError
+from apil_core.config.layers import Layer, flag_layer, named_text, parse_yaml, shipped_names
 from apil_core.config.problems import Problem, problems_of, raise_problems
 from apil_core.config.resolve import flatten, resolve_layers
 from apil_core.plugins.discovery import PluginRegistry
@@ -74,7 +72,10 @@ class Space:
     ):
         self.config, self.plugins = config, plugins
         self._base = flatten(plain(config))
-        text, origin = _text(source)
+        if isinstance(source, Mapping):
+            text, origin = json.dumps(source), "space"
+        else:
+            text, origin = named_text(source, __package__, "spaces", "space")
         data, lines = parse_yaml(text, origin)
         self._origins = {
             key: origin if isinstance(source, Mapping) else f"{origin}:{lines[key]}" for key in lines
@@ -169,25 +170,7 @@ class Space:
 
 def space_names() -> list[str]:
     """Spaces that ship with the package, each named like its method."""
-    folder = resources.files(__package__) / "spaces"
-    return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml"))
-
-
-def _text(source: PathLike[str] | str | Mapping[str, Any]) -> tuple[str, str]:
-    """Text of a space, and its name for messages."""
-    if isinstance(source, Mapping):
-        return json.dumps(source), "space"
-    if source in space_names() and not Path(source).is_file():
-        return (resources.files(__package__) / "spaces" / f"{source}.yaml").read_text(
-            "utf-8"
-        ), f"space {source}"
-    try:
-        return Path(source).read_text("utf-8"), str(source)
-    except FileNotFoundError:
-        hint = suggest(str(source), space_names())
-        raise ConfigError(f"{source}: no such file, and no space that ships with apil{hint}") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{source}: cannot be read: {error}") from error
+    return shipped_names(__package__, "spaces")
 
 
 def _label(choice: Any) -> str | int | float | bool | None:
