@@ -15,7 +15,6 @@ import pytest
 if TYPE_CHECKING:
     from apil_core.api.config import RunConfig
     from apil_core.runs.session import RunResult
-    from apil_core.testing.reports import GameReport, MethodReport, VictimReport
 
 
 @pytest.fixture
@@ -54,25 +53,19 @@ def apil_tiny_run(tmp_path: Path, apil_files: None) -> Callable[..., RunResult]:
     return train
 
 
-@pytest.fixture
-def apil_check_method(apil_files: None) -> Callable[..., MethodReport]:
-    """:func:`apil_core.testing.check_method`."""
-    from apil_core.testing import check_method
+def _check(name: str) -> Callable[..., Callable[..., Any]]:
+    """The fixture of a check, which unloads one-file plugins afterwards."""
 
-    return check_method
+    def check(apil_files: None) -> Callable[..., Any]:
+        import apil_core.testing
 
+        found: Callable[..., Any] = getattr(apil_core.testing, name)
+        return found
 
-@pytest.fixture
-def apil_check_game(apil_files: None) -> Callable[..., GameReport]:
-    """:func:`apil_core.testing.check_game`."""
-    from apil_core.testing import check_game
-
-    return check_game
+    check.__doc__ = f":func:`apil_core.testing.{name}`."
+    return pytest.fixture(check, name=f"apil_{name}")
 
 
-@pytest.fixture
-def apil_check_victim(apil_files: None) -> Callable[..., VictimReport]:
-    """:func:`apil_core.testing.check_victim`."""
-    from apil_core.testing import check_victim
-
-    return check_victim
+apil_check_method = _check("check_method")
+apil_check_game = _check("check_game")
+apil_check_victim = _check("check_victim")

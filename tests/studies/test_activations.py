@@ -23,8 +23,7 @@ from apil_core.studies.activations.intervals import gap, mean_interval
 from apil_core.studies.activations.models import ActivationMap
 from apil_core.studies.activations.options import Sampling
 from apil_core.studies.activations.picture import draw_activations
-from apil_core.studies.activations.recording import RecordingPolicy, record
-from apil_core.studies.activations.sampling import even_sample, game_means
+from apil_core.studies.activations.recording import RecordingPolicy, even_sample, game_means, record
 
 SMALL = Sampling(games=6, steps=20, points=24, perplexity=5, components=2)
 TOY: dict[str, Any] = {"env": "toy-pursuit", "threads": 1}

@@ -21,8 +21,7 @@ from apil_core.studies.activations.intervals import gap, mean_interval
 from apil_core.studies.activations.models import ActivationMap, LogLikelihood
 from apil_core.studies.activations.opponents import BASELINE, gather, record_all
 from apil_core.studies.activations.options import Sampling
-from apil_core.studies.activations.recording import LAYER, Recorded
-from apil_core.studies.activations.sampling import game_means
+from apil_core.studies.activations.recording import LAYER, Recorded, game_means
 
 
 def analyze(

@@ -17,7 +17,6 @@ from apil_core.common.seeds import stream_seed
 from apil_core.evaluation.pairing import Pairing
 from apil_core.evaluation.play import play
 from apil_core.evaluation.progress import Progress
-from apil_core.studies.activations.sampling import even_sample
 
 LAYER = "hidden"
 """Name of the last hidden layer, or an LSTM's h, among a policy's activations."""
@@ -145,3 +144,25 @@ def record(pairing: Pairing, games: int, seed: int, progress: Progress) -> Recor
     pairing.game.seed(stream_seed(seed, "evaluation games"))
     play(pairing.game, players, games, lambda ended: progress.evaluation_progress(ended, games))
     return watched.recorded()
+
+
+def even_sample(game: NDArray[np.int64], each: int, seed: int) -> NDArray[np.int64]:
+    """Indices of at most ``each`` rows of every game, drawn without replacement, in ascending order.
+
+    Args:
+        game: (rows,), which game a row is of.
+        each: rows of a game; a shorter game gives all it has.
+        seed: of the draw.
+    """
+    lots = np.random.default_rng(seed).random(len(game))
+    order = np.lexsort((lots, game))
+    _, begins, counts = np.unique(game[order], return_index=True, return_counts=True)
+    rank = np.arange(len(game)) - np.repeat(begins, counts)
+    return np.sort(order[rank < each])
+
+
+def game_means(values: NDArray[np.float64], game: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Mean of ``values`` (rows,) over the rows of each game, (games,)."""
+    _, index, counts = np.unique(game, return_inverse=True, return_counts=True)
+    means: NDArray[np.float64] = np.bincount(index, weights=values) / counts
+    return means

@@ -7,6 +7,7 @@ published budget a failing claim counts as undecided.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -24,8 +25,8 @@ _HOLDS: Truth = "holds"
 _FAILS: Truth = "does not hold"
 _OPEN: Truth = "cannot be told"
 
-
-_METRICS: tuple[Metric, ...] = ("win_or_tie", "win")
+_ORDERS: dict[Metric, str] = {"win_or_tie": "order", "win": "order on wins"}
+"""Names of the claim on the order of methods, by measure."""
 
 
 class _Finding(NamedTuple):
@@ -37,99 +38,61 @@ class _Finding(NamedTuple):
 
 def claims(tables: Sequence[Table], settings: Sequence[Setting]) -> list[Claim]:
     """All claims in every setting whose tables have data on them."""
+    lost = f"they lose no more than {100 * MARGIN:.0f} points of"
     found = []
     for setting in settings:
         if setting.changes_method or (setting.steps is None and setting.retrain_steps is None):
             continue  # an ablation's, or no run's: no method of the paper
         own = [table for table in tables if table.setting == setting.id]
         for seeing in (table for table in own if table.number == 1):
-            found.append(_beats(seeing, setting))
-            found += [_order(seeing, setting, metric) for metric in _METRICS]
-            for blinded in (table for table in own if table.number == 2):
-                found.append(_blinding(seeing, blinded, setting))
-        found += [_resists(table, setting) for table in own if table.number == 4]
-        found += [_remembers(table, setting) for table in own if table.number == 3]
+            text = "Every adversarial method beats the baseline adversary (win+tie)."
+            found.append(_claim("beats baseline", text, seeing, setting, _beats))
+            for metric, name in _ORDERS.items():
+                text, finding = f"E-APIL ≥ APIL ≥ APL ≥ ADRL on {WORDS[metric]}.", partial(_order, metric)
+                found.append(_claim(name, text, seeing, setting, finding))
+            for table in (table for table in own if table.number == 2):
+                name = "blinding" if table.blind == "zeros" else f"blinding ({table.blind})"
+                text = (
+                    f"Adversaries do not need to see their opponent: blinded ({table.blind}), {lost} win+tie."
+                )
+                found.append(_claim(name, text, table, setting, partial(_blinded, seeing)))
+        for table in (table for table in own if table.number == 4):
+            text = "The victim retrained against E-APIL's adversary wins more against it than the original "
+            found.append(_claim("resists", f"{text}victim does.", table, setting, _resists, (STRONGEST,)))
+        for table in (table for table in own if table.number == 3):
+            text = f"Retrained victims do not forget the baseline adversary: {lost} wins against it."
+            found.append(_claim("remembers", text, table, setting, _remembers))
     return [claim for claim in found if claim.checks]
 
 
-def _beats(table: Table, setting: Setting) -> Claim:
-    def findings(row: Sequence[Cell]) -> Iterator[_Finding]:
-        if _cell(row, BASELINE) is None:
-            yield _Finding(_OPEN, "the baseline adversary was not measured")
-            return
+def _beats(row: Sequence[Cell]) -> Iterator[_Finding]:
+    if _cell(row, BASELINE) is None:
+        yield _Finding(_OPEN, "the baseline adversary was not measured")
+    else:
         for method in _trained(row):
             yield _more(row, method, BASELINE, "win_or_tie")
 
-    return _claim(
-        "beats baseline",
-        "Every adversarial method beats the baseline adversary (win+tie).",
-        table,
-        setting,
-        findings,
-    )
+
+def _order(metric: Metric, row: Sequence[Cell]) -> Iterator[_Finding]:
+    present = [name for name in ORDER if _cell(row, name) is not None]
+    for weaker, stronger in pairwise(present):
+        yield _needing_seeds(row, (weaker, stronger), _more(row, stronger, weaker, metric))
 
 
-def _order(table: Table, setting: Setting, metric: Metric) -> Claim:
-    def findings(row: Sequence[Cell]) -> Iterator[_Finding]:
-        present = [name for name in ORDER if _cell(row, name) is not None]
-        for weaker, stronger in pairwise(present):
-            yield _needing_seeds(row, (weaker, stronger), _more(row, stronger, weaker, metric))
-
-    return _claim(
-        "order" if metric == "win_or_tie" else "order on wins",
-        f"E-APIL ≥ APIL ≥ APL ≥ ADRL on {WORDS[metric]}.",
-        table,
-        setting,
-        findings,
-    )
+def _blinded(seeing: Table, row: Sequence[Cell]) -> Iterator[_Finding]:
+    before = {each.column: each for other in seeing.rows for each in other if each.game == row[0].game}
+    for method in _trained(row):
+        yield from _kept(method, _cell(row, method), before.get(method), "win_or_tie")
 
 
-def _blinding(seeing: Table, blinded: Table, setting: Setting) -> Claim:
-    before = {(each.game, each.column): each for row in seeing.rows for each in row}
-
-    def findings(row: Sequence[Cell]) -> Iterator[_Finding]:
-        for method in _trained(row):
-            other = before.get((row[0].game, method))
-            yield from _kept(method, _cell(row, method), other, "win_or_tie")
-
-    return _claim(
-        "blinding" if blinded.blind == "zeros" else f"blinding ({blinded.blind})",
-        f"Adversaries do not need to see their opponent: blinded ({blinded.blind}), they lose no more than "
-        f"{100 * MARGIN:.0f} points of win+tie.",
-        blinded,
-        setting,
-        findings,
-    )
+def _resists(row: Sequence[Cell]) -> Iterator[_Finding]:
+    if _cell(row, STRONGEST) is not None:
+        yield _more(row, STRONGEST, BASELINE, "win", "retrained against e_apil", "the original victim")
 
 
-def _resists(table: Table, setting: Setting) -> Claim:
-    def findings(row: Sequence[Cell]) -> Iterator[_Finding]:
-        if _cell(row, STRONGEST) is not None:
-            yield _more(row, STRONGEST, BASELINE, "win", "retrained against e_apil", "the original victim")
-
-    return _claim(
-        "resists",
-        "The victim retrained against E-APIL's adversary wins more against it than the original victim does.",
-        table,
-        setting,
-        findings,
-        needs=(STRONGEST,),
-    )
-
-
-def _remembers(table: Table, setting: Setting) -> Claim:
-    def findings(row: Sequence[Cell]) -> Iterator[_Finding]:
-        for method in _trained(row):
-            yield from _kept(f"retrained against {method}", _cell(row, method), _cell(row, BASELINE), "win")
-
-    return _claim(
-        "remembers",
-        "Retrained victims do not forget the baseline adversary: they lose no more than "
-        f"{100 * MARGIN:.0f} points of wins against it.",
-        table,
-        setting,
-        findings,
-    )
+def _remembers(row: Sequence[Cell]) -> Iterator[_Finding]:
+    for method in _trained(row):
+        yield from _kept(f"retrained against {method}", _cell(row, method), _cell(row, BASELINE), "win")
 
 
 def _claim(
