@@ -42,7 +42,9 @@ def console(*, stderr: bool = False) -> Console:
 
     stream = sys.stderr if stderr else sys.stdout
     width = None if stream.isatty() else _UNFOLDED
-    return Screen(file=stream, width=width, highlight=False, emoji=False, soft_wrap=not stream.isatty())
+    return Screen(
+        file=stream, width=width, highlight=False, markup=False, emoji=False, soft_wrap=not stream.isatty()
+    )
 
 
 def styled(text: str, style: str) -> Text:

@@ -38,7 +38,7 @@ def test_one_run_and_where_its_picture_is(apil: Apil, trained: Path, tmp_path: P
         assert picture.width > 1000
     again = apil("runs", "plot", trained)
     assert again.code == 2
-    assert again.err == "apil: curve.png exists already; choose another --out, or --force to replace it\n"
+    assert again.err == "apil: curve.png exists already; choose another name, or --force to replace it\n"
     before = (tmp_path / "curve.png").read_bytes()
     assert apil("runs", "plot", trained, "--metric", "ppo/kl", "--force").code == 0
     assert (tmp_path / "curve.png").read_bytes() != before
