@@ -73,7 +73,7 @@ class TableWatch(Watch):
     def ended(self, job: Job, state: State, reason: str) -> None:
         """See :class:`Watch`."""
         why = f": {reason}" if reason else ""
-        self._live.console.print(f"{job.name} {state}{why}")
+        self._live.console.print(f"{job.name} {state}{why}", markup=False)
 
     def stopping(self, at_once: bool) -> None:
         """See :class:`Watch`."""
