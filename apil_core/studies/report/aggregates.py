@@ -28,25 +28,22 @@ Columns = Mapping[str, Sequence[Cell]]
 
 def aggregates(tables: Sequence[Table]) -> list[Aggregate]:
     """Interquartile mean of every column of every setting."""
-    found = []
-    for setting, metric, columns in _over_games(tables):
-        for column, cells in columns.items():
-            value, low, high = bootstrapped(interquartile_mean, _scores(cells, metric))
-            seeds = min(each.seeds for each in cells)
-            found.append(
-                Aggregate(
-                    setting=setting,
-                    column=column,
-                    metric=metric,
-                    iqm=float(value),
-                    low=None if low is None else float(low),
-                    high=None if high is None else float(high),
-                    games=[each.game for each in cells],
-                    seeds=seeds,
-                    note=_note(seeds, _trained(cells)),
-                )
-            )
-    return found
+    return [
+        Aggregate(
+            setting=setting,
+            column=column,
+            metric=metric,
+            iqm=value,
+            low=low,
+            high=high,
+            games=[each.game for each in cells],
+            seeds=min(each.seeds for each in cells),
+            note=_note(cells),
+        )
+        for setting, metric, columns in _over_games(tables)
+        for column, cells in columns.items()
+        for value, low, high in [bootstrapped(interquartile_mean, _scores(cells, metric))]
+    ]
 
 
 def profiles(tables: Sequence[Table]) -> list[Profile]:
@@ -113,8 +110,9 @@ def _runs(cells: Sequence[Cell]) -> int:
     return sum(each.seeds for each in cells)
 
 
-def _note(seeds: int, trained: bool) -> str:
-    if not trained:
+def _note(cells: Sequence[Cell]) -> str:
+    seeds = min(each.seeds for each in cells)
+    if not _trained(cells):
         return "Not trained here: one agent per game."
     if seeds == 1:
         return "One seed: this says nothing about what other seeds would give."

@@ -17,6 +17,9 @@ PUBLISHED_MODE = "mode"
 
 _ALWAYS = ("steps", "physics")
 
+_SHARED = ("steps", "retrain_steps", "physics", "victim", "adversary_actions", "victim_actions")
+"""Attributes of a key that a setting has by the same name."""
+
 
 def settings(groups: Groups) -> dict[Key, Setting]:
     """Make a setting for every key, the one with most cells first."""
@@ -109,15 +112,10 @@ def make_setting(name: str, label: str, key: Key, *, paper: bool, retrained: boo
     return Setting(
         id=name,
         label=label or "as measured",
-        steps=key.steps,
-        retrain_steps=key.retrain_steps,
         published_steps=full,
         budget_share=own / full if own is not None and full else None,
         trained_physics=key.trained,
-        physics=key.physics,
-        victim=key.victim,
-        adversary_actions=key.adversary_actions,
-        victim_actions=key.victim_actions,
+        **{name: getattr(key, name) for name in _SHARED},
         axes={**dict(key.axes), **dict(key.other), **dict(key.scored_with)},
         changes_method=key.changes_method,
         notes=notes,

@@ -120,12 +120,12 @@ def bootstrapped(
         seed: of the redrawing.
 
     Returns:
-        Value, low, high; the latter two are ``None`` if a game has fewer than two runs.
+        Value, low, high, as numbers or lists; the latter two are ``None`` if a game has fewer than two runs.
     """
     from scipy.stats import bootstrap
 
     games = [np.asarray(scores) for scores in by_game]
-    value = statistic(*games)
+    value = statistic(*games).tolist()
     if min(map(len, games)) < 2:
         return value, None, None
     drawn = bootstrap(
@@ -137,4 +137,5 @@ def bootstrapped(
         method="percentile",
         rng=np.random.default_rng(seed),
     )
-    return value, *drawn.confidence_interval
+    low, high = drawn.confidence_interval
+    return value, np.asarray(low).tolist(), np.asarray(high).tolist()

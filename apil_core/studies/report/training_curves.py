@@ -124,12 +124,13 @@ def _rows(run: Run) -> list[dict[str, float]]:
 
 def _diagnostics(run: Run, setting: Setting, rows: Sequence[dict[str, float]]) -> Diagnostics:
     facts = {text: value for name, text in _FACTS.items() if (value := _final(rows, name)) is not None}
-    facts |= _ratio(rows) | _uneven(rows)
     notes = []
-    if RATIO in facts:
+    own, constant = _final(rows, "apil/mse"), _final(rows, "apil/constant_mse")
+    if own is not None and constant:
+        facts[RATIO] = own / constant
         notes.append("Below 1 the imitator predicts the victim better than the best constant action does.")
-    lines, more_facts, more_notes = _theory(run)
-    facts, notes = facts | more_facts, [*notes, *more_notes]
+    lines, theory, more_notes = _theory(run)
+    facts |= _uneven(rows) | theory
     return Diagnostics(
         game=run.config.env,
         method=run.config.method,
@@ -138,7 +139,7 @@ def _diagnostics(run: Run, setting: Setting, rows: Sequence[dict[str, float]]) -
         run=run.path,
         facts=facts,
         lines=lines,
-        notes=notes,
+        notes=[*notes, *more_notes],
     )
 
 
@@ -149,11 +150,6 @@ def _finite(rows: Sequence[dict[str, float]], name: str) -> list[dict[str, float
 def _final(rows: Sequence[dict[str, float]], name: str) -> float | None:
     values = [row[name] for row in _finite(rows, name)][-_LAST:]
     return float(np.mean(values)) if values else None
-
-
-def _ratio(rows: Sequence[dict[str, float]]) -> dict[str, float]:
-    own, constant = _final(rows, "apil/mse"), _final(rows, "apil/constant_mse")
-    return {RATIO: own / constant} if own is not None and constant else {}
 
 
 def _uneven(rows: Sequence[dict[str, float]]) -> dict[str, float]:
