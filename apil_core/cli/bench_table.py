@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from rich.live import Live
@@ -138,32 +139,24 @@ def print_plan(
     if as_json:
         cells = [
             {
-                "name": cell.name,
-                "state": states[cell.name],
-                "steps": cell.steps,
-                "victim": cell.victim,
-                "steps_per_second": cost.rates[cell.name].steps_per_second,
-                "rate_from": cost.rates[cell.name].source,
-                "training_seconds": cost.training[cell.name],
-                "scoring_seconds": cost.scoring[cell.name],
+                **{"name": cell.name, "state": states[cell.name], "steps": cell.steps, "victim": cell.victim},
+                **asdict(cost.cells[cell.name]),
             }
             for cell in benchmark.cells
         ]
         print_json({"cells": cells, "other_jobs": others, "workers": workers, "hours": cost.hours(workers)})
         return
-    shown = table("cell", "state", "victim", "steps>", "steps/s>", "rate", "training>", "scoring>")
-    for cell in benchmark.cells:
-        rate = cost.rates[cell.name]
-        shown.add_row(
-            cell.name,
-            states[cell.name],
-            cell.victim,
-            f"{cell.steps:,}",
-            f"{rate.steps_per_second:,.0f}",
-            rate.source,
-            duration(cost.training[cell.name]),
-            duration(cost.scoring[cell.name]),
+    rows = [
+        (
+            *(cell.name, states[cell.name], cell.victim, f"{cell.steps:,}"),
+            *(f"{own.steps_per_second:,.0f}", own.rate_from),
+            *(duration(own.training_seconds), duration(own.scoring_seconds)),
         )
+        for cell in benchmark.cells
+        for own in [cost.cells[cell.name]]
+    ]
+    columns = ("cell", "state", "victim", "steps>", "steps/s>", "rate", "training>", "scoring>")
+    shown = table(*columns, rows=rows)
     screen = console()
     screen.print(shown)
     besides = ", ".join(f"{count} × {kind}" for kind, count in others.items())
@@ -172,8 +165,7 @@ def print_plan(
     screen.print(
         f"left: about {cost.hours(workers):.1f} h on {workers} worker{'s' * (workers != 1)} if they do not "
         "slow each other down, games of adversaries not trained here, cross-play, activations and pictures "
-        "not counted",
-        markup=False,
+        "not counted"
     )
 
 
@@ -202,10 +194,7 @@ def print_result(result: BenchResult, status: JobStatus, seconds: float, *, as_j
         return
     screen = console()
     if failures:
-        shown = table("failed", "why")
-        for name, reason in failures.items():
-            shown.add_row(name, reason)
-        screen.print(shown)
+        screen.print(table("failed", "why", rows=failures.items()))
     summary = ", ".join(f"{count} {state}" for state, count in counts.items())
     screen.print(f"{summary} ({len(result.kept)} were done before) in {duration(seconds)}")
     if not result.interrupted:

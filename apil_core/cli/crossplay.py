@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Group, Parameter
 
 from apil_core.cli.flags import Json, PairingFlags, Quiet, flags_of
-from apil_core.cli.output import console, print_json, table
+from apil_core.cli.output import console, print_facts, print_json, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent, physics
 from apil_core.evaluation.options import PairingOptions
@@ -148,15 +148,11 @@ def print_crossplay(document: CrossPlay, out: Path | None = None, picture: Path 
     for side, players in (("adversary", document.adversaries), ("victim", document.victims)):
         for player in players:
             who = f"{player.name} (sha256 {player.sha256[:12]})"
-            screen.print(
-                f"{side:<10} {player.label}: {who}" if player.label != player.name else f"{side:<10} {who}",
-                markup=False,
-            )
+            named = f"{player.label}: {who}" if player.label != player.name else who
+            print_facts(**{side: named})
     modes = f"actions {some.adversary_actions}/{some.victim_actions}"
-    screen.print(f"games      seed {some.seed}, {some.num_envs} in parallel, {modes}")
-    for name, path in (("scores", out), ("picture", picture)):
-        if path is not None:
-            screen.print(f"{name:<10} {path}")
+    games = f"seed {some.seed}, {some.num_envs} in parallel, {modes}"
+    print_facts(games=games, scores=out, picture=picture)
 
 
 def _marks(document: CrossPlay) -> dict[tuple[str, str, str], str]:

@@ -113,21 +113,13 @@ def _assignments(text: str) -> dict[str, Any]:
 def _print(rows: list[FidelityRow], skipped: list[SkippedMatchup]) -> None:
     out = console()
     if rows:
-        shown = table(
-            "game",
-            "adversary",
-            "victim",
-            "actions",
-            "games>",
-            "figure",
-            "measured>",
-            "published>",
-            "difference in points",
-        )
-        for row in rows:
-            for name, figure in (("win", row.win), ("win+tie", row.win_or_tie)):
-                shown.add_row(*(_who(row) if name == "win" else [""] * 5), name, *_cells(figure))
-        out.print(shown)
+        columns = ("game", "adversary", "victim", "actions", "games>", "figure", "measured>", "published>")
+        lines = [
+            (*(_who(row) if name == "win" else [""] * 5), name, *_cells(figure))
+            for row in rows
+            for name, figure in (("win", row.win), ("win+tie", row.win_or_tie))
+        ]
+        out.print(table(*columns, "difference in points", rows=lines))
         for row in rows:
             ranked = sorted(row.result.causes.items(), key=lambda item: -item[1])
             endings = ", ".join(f"{name} {count}" for name, count in ranked)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from apil_core.cli.guard import INTERRUPTED, complain
-from apil_core.cli.output import say
+from apil_core.cli.output import print_facts, say
 from apil_core.training.distributed.world import World
 
 if TYPE_CHECKING:
@@ -50,7 +50,6 @@ def print_end(result: RunResult) -> None:
 
 def _artifacts(result: RunResult, progress: Progress, *, silent: bool) -> dict[str, Any]:
     from apil_core.cli.artifacts import make_artifacts
-    from apil_core.cli.output import console
     from apil_core.training.storage.run_dir import RunDir
 
     progress.note("playing games to compare with, drawing the learning curve, looking for a won game")
@@ -60,27 +59,22 @@ def _artifacts(result: RunResult, progress: Progress, *, silent: bool) -> dict[s
     if not silent:
         if result.evaluation is not None:
             _print_beside(result.evaluation, made)
-        for name, path in (("curve", made.curve), ("won game", made.won_game)):
-            if path is not None:
-                console().print(f"{name:<10} {path}")
+        print_facts(curve=made.curve, won_game=made.won_game)
     return made.model_dump(mode="json")
 
 
 def _print_beside(own: EvaluationResult, made: RunArtifacts) -> None:
     """Print the wins of the adversary, of the game's own opponent, and against the blinded victim."""
     from apil_core.cli.output import console, table
+    from apil_core.cli.readout import share
 
     scores = {"this adversary": own}
     if made.opponent is not None:
         scores[f"the game's own opponent, {made.opponent.adversary.name}"] = made.opponent
     if made.victim_blinded is not None:
         scores["this adversary, unseen by the victim"] = made.victim_blinded
-    rows = table("against the same victim", "games>", "wins>", "95 % interval>")
-    for who, score in scores.items():
-        rate = score.win_rate
-        interval = f"{100 * rate.low:.1f} – {100 * rate.high:.1f} %"
-        rows.add_row(who, str(score.episodes), f"{100 * rate.value:.1f} %", interval)
-    console().print(rows)
+    rows = [(who, str(score.episodes), *share(score.win_rate)) for who, score in scores.items()]
+    console().print(table("against the same victim", "games>", "wins>", "95 % interval>", rows=rows))
 
 
 def exit_code(result: RunResult, world: World) -> int:

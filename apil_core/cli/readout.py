@@ -18,6 +18,11 @@ def percent(rate: Rate) -> str:
     return f"{100 * rate.value:.1f} % [{100 * rate.low:.1f}, {100 * rate.high:.1f}]"
 
 
+def share(rate: Rate) -> tuple[str, str]:
+    """``31.2 %`` and ``28.4 – 34.1 %``."""
+    return f"{100 * rate.value:.1f} %", f"{100 * rate.low:.1f} – {100 * rate.high:.1f} %"
+
+
 def speed(metrics: Mapping[str, float]) -> str:
     """Steps per second, and the share of each phase in an iteration's time."""
     collect, update = metrics.get("collect_seconds", 0), metrics.get("update_seconds", 0)

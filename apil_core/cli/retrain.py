@@ -127,12 +127,13 @@ def print_result(result: RetrainResult) -> None:
     title = f"{result.victim.name} in {result.env}, retrained {result.steps:,} steps"
     out.print(title, style="bold")
     if result.after:
-        rows = table("against", "the victim", "games>", "wins>", "wins or ties>")
-        for label, after in result.after.items():
-            if label in result.before:
-                rows.add_row(label, "before", *_victims_view(result.before[label]))
-            rows.add_row(label, "after", *_victims_view(after))
-        out.print(rows)
+        rows = [
+            (label, when, *_victims_view(scores[label]))
+            for label in result.after
+            for when, scores in (("before", result.before), ("after", result.after))
+            if label in scores
+        ]
+        out.print(table("against", "the victim", "games>", "wins>", "wins or ties>", rows=rows))
     out.print(f"victim     retrained:{result.directory}", soft_wrap=True)
 
 

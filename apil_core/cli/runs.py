@@ -93,41 +93,31 @@ def _share(evaluation: dict[str, Any] | None, key: str) -> str:
 
 def print_comparison(result: Comparison) -> None:
     """Print scores side by side, and their mean over seeds."""
-    rows = table(
-        "run", "method", "game", "victim", "seed>", "steps>", "games>",
-        "win>", "difference", "win or tie>", "difference",
-    )  # fmt: skip
-    for row in result.rows:
-        rows.add_row(
-            row.run,
-            row.method,
-            game_name(row.env, row.physics),
-            row.victim,
-            str(row.seed),
-            f"{row.steps:,}",
-            str(row.episodes),
-            percent(row.win) if row.win else "–",
-            _difference(row.win_difference),
-            percent(row.win_or_tie) if row.win_or_tie else "–",
-            _difference(row.win_or_tie_difference),
+    columns = (
+        *("run", "method", "game", "victim", "seed>", "steps>", "games>"),
+        *("win>", "difference", "win or tie>", "difference"),
+    )
+    rows = [
+        (
+            *(row.run, row.method, game_name(row.env, row.physics), row.victim),
+            *(str(row.seed), f"{row.steps:,}", str(row.episodes)),
+            *(percent(row.win) if row.win else "–", _difference(row.win_difference)),
+            *(percent(row.win_or_tie) if row.win_or_tie else "–", _difference(row.win_or_tie_difference)),
         )
-    out = console()
-    out.print(rows)
-    if result.spreads:
-        spreads = table(
-            "method", "game", "victim", "steps>", "seeds>", "win mean ± sd>", "win or tie mean ± sd>"
+        for row in result.rows
+    ]
+    console().print(table(*columns, rows=rows))
+    means = ("win mean ± sd>", "win or tie mean ± sd>")
+    spreads = [
+        (
+            *(spread.method, spread.env, spread.victim, f"{spread.steps:,}", str(len(spread.seeds))),
+            f"{100 * spread.win_mean:.1f} ± {100 * spread.win_sd:.1f} %",
+            f"{100 * spread.win_or_tie_mean:.1f} ± {100 * spread.win_or_tie_sd:.1f} %",
         )
-        for spread in result.spreads:
-            spreads.add_row(
-                spread.method,
-                spread.env,
-                spread.victim,
-                f"{spread.steps:,}",
-                str(len(spread.seeds)),
-                f"{100 * spread.win_mean:.1f} ± {100 * spread.win_sd:.1f} %",
-                f"{100 * spread.win_or_tie_mean:.1f} ± {100 * spread.win_or_tie_sd:.1f} %",
-            )
-        out.print(spreads)
+        for spread in result.spreads
+    ]
+    if spreads:
+        console().print(table("method", "game", "victim", "steps>", "seeds>", *means, rows=spreads))
 
 
 def _difference(change: Difference | None) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from apil_core.api.profiles import FAITHFUL
 from apil_core.cli.output import console, table
-from apil_core.cli.readout import percent, physics
+from apil_core.cli.readout import percent, physics, share
 from apil_core.evaluation.results import in_words
 
 if TYPE_CHECKING:
@@ -24,16 +24,13 @@ def print_score(result: EvaluationResult) -> None:
     title = f"{result.adversary.name} against {result.victim.name} in {result.env}, {result.episodes} games"
     title += physics(result)
     out.print(title, style="bold")
-    rows = table("adversary's", "games>", "share>", "95 % interval>")
-    for name, count, rate in (
-        ("win", result.wins, result.win_rate),
-        ("tie", result.ties, result.tie_rate),
-        ("loss", result.losses, result.loss_rate),
-        ("win or tie", result.wins + result.ties, result.win_or_tie_rate),
-    ):
-        interval = f"{100 * rate.low:.1f} – {100 * rate.high:.1f} %"
-        rows.add_row(name, str(count), f"{100 * rate.value:.1f} %", interval)
-    out.print(rows)
+    rows = [
+        ("win", str(result.wins), *share(result.win_rate)),
+        ("tie", str(result.ties), *share(result.tie_rate)),
+        ("loss", str(result.losses), *share(result.loss_rate)),
+        ("win or tie", str(result.wins + result.ties), *share(result.win_or_tie_rate)),
+    ]
+    out.print(table("adversary's", "games>", "share>", "95 % interval>", rows=rows))
     for line in _facts(result):
         out.print(line)
 

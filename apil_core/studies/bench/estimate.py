@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from apil_core.api.config import RunConfig
@@ -19,39 +19,39 @@ _GAMES = 64
 
 
 @dataclass(frozen=True)
-class Rate:
-    """Measured training speed of a cell on this machine.
+class Cost:
+    """What is left of a cell, on one worker.
 
     Attributes:
-        steps_per_second: environment steps of one worker, alone, at the machine's present load.
-        source: ``"its run"``, if the cell was started, else ``"measured now"``.
+        steps_per_second: speed of training: of one worker, alone, at the machine's present load.
+        rate_from: ``"its run"``, if the cell was started, else ``"measured now"``.
+        training_seconds: of its training.
+        scoring_seconds: of its scores; of games between a random adversary and the victim, so a guess: games
+            of trained adversaries may last shorter or longer.
     """
 
     steps_per_second: float
-    source: str
+    rate_from: str
+    training_seconds: float = 0.0
+    scoring_seconds: float = 0.0
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Cost of a benchmark on one worker, in s.
+    """Cost of a benchmark on one worker.
 
     Attributes:
-        rates: of training, by cell's name.
-        training: seconds that are left, by cell's name.
-        scoring: seconds that are left, by cell's name; of games between a random adversary and the victim,
-            so a guess: games of trained adversaries may last shorter or longer.
+        cells: by name.
         retraining: seconds that are left of it, at the cells' own rates; a guess, too.
     """
 
-    rates: dict[str, Rate]
-    training: dict[str, float]
-    scoring: dict[str, float]
+    cells: dict[str, Cost]
     retraining: float
 
     def hours(self, workers: int) -> float:
         """Remaining time in h, if workers neither slowed each other down nor waited."""
-        seconds = sum(self.training.values()) + sum(self.scoring.values()) + self.retraining
-        return seconds / workers / 3600
+        cells = sum(cost.training_seconds + cost.scoring_seconds for cost in self.cells.values())
+        return (cells + self.retraining) / workers / 3600
 
 
 def estimate(
@@ -73,33 +73,30 @@ def estimate(
     """
     from apil_core.runs.dry_run import steps_per_second
 
-    rates: dict[str, Rate] = {}
+    cells: dict[str, Cost] = {}
     known: dict[Any, float] = {}
     for cell in benchmark.cells:
-        own = _own_rate(status.bench, cell)
-        if own is None:
-            kind = _kind(cell.config)
+        rate, source = _own_rate(status.bench, cell), "its run"
+        if rate is None:
+            kind, source = _kind(cell.config), "measured now"
             if kind not in known:
                 note(f"measuring {cell.method} in {cell.game}")
                 short = cell.config.model_copy(update={"threads": threads, "init_from": None})
                 known[kind] = steps_per_second(short, benchmark.plugins)
-            rates[cell.name] = Rate(known[kind], "measured now")
-        else:
-            rates[cell.name] = Rate(own, "its run")
-    training: dict[str, float] = {}
-    scoring: dict[str, float] = {}
+            rate = known[kind]
+        cells[cell.name] = Cost(rate, source)
     lengths: dict[Any, float] = {}
     for cell in benchmark.cells:
-        training[cell.name] = scoring[cell.name] = 0.0
         try:
-            training[cell.name] = _left(status, cell) / rates[cell.name].steps_per_second
-            scoring[cell.name] = _scoring(cell, benchmark, status, lengths, threads, note)
+            cost = cells[cell.name]
+            cost = replace(cost, training_seconds=_left(status, cell) / cost.steps_per_second)
+            cells[cell.name] = cost
+            scoring = _scoring(cell, benchmark, status, lengths, threads, note)
+            cells[cell.name] = replace(cost, scoring_seconds=scoring)
         except RunDirError as error:  # one damaged cell must not hide the others
             note(f"{cell.name}: {error}")
     hardening = [job for job in jobs or () if job.kind == "retrained" and not status.is_done(job)]
-    return Estimate(
-        rates, training, scoring, sum(job.steps / rates[job.subject].steps_per_second for job in hardening)
-    )
+    return Estimate(cells, sum(job.steps / cells[job.subject].steps_per_second for job in hardening))
 
 
 def _own_rate(bench: BenchDir, cell: Cell) -> float | None:
