@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from apil_core.cli.guard import INTERRUPTED, complain
 from apil_core.cli.output import print_facts, say
+from apil_core.common.errors import ApilError
 from apil_core.training.distributed.world import World
 
 if TYPE_CHECKING:
@@ -75,6 +78,16 @@ def _print_beside(own: EvaluationResult, made: RunArtifacts) -> None:
         scores["this adversary, unseen by the victim"] = made.victim_blinded
     rows = [(who, str(score.episodes), *share(score.win_rate)) for who, score in scores.items()]
     console().print(table("against the same victim", "games>", "wins>", "95 % interval>", rows=rows))
+
+
+def draw_curve(path: Path, draw: Callable[[], object], *, silent: bool = False) -> None:
+    """Draw a learning curve and print where it is; it is optional, so a failure is only a note."""
+    try:
+        draw()
+    except ApilError as error:  # too few games have ended, or matplotlib is missing
+        complain(f"no learning curve: {error}", 0)
+    else:
+        print_facts(curve=None if silent else path)
 
 
 def exit_code(result: RunResult, world: World) -> int:

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Group, Parameter
 
+from apil_core.cli.finish import draw_curve
 from apil_core.cli.flags import Flags, Json, Plugins, Quiet, flags_of, setting_flag
-from apil_core.cli.guard import INTERRUPTED, complain
+from apil_core.cli.guard import INTERRUPTED
 from apil_core.cli.output import console, print_json, say, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
-from apil_core.common.errors import ApilError
 from apil_core.common.files import refuse_taken
 from apil_core.runs.retraining.config import RetrainConfig
 
@@ -114,7 +114,11 @@ def finish(result: RetrainResult, *, as_json: bool) -> int:
     elif result.status == "finished":
         print_result(result)
     if result.status == "finished":
-        _draw_curve(result, silent=as_json)
+        from apil_core.runs.retraining.folder import RetrainDir
+        from apil_core.studies.curves.retraining import draw_opponents
+
+        run = RetrainDir(result.directory)
+        draw_curve(run.curve_path, lambda: draw_opponents(run, run.curve_path), silent=as_json)
         return 0
     how = f"continue with: apil resume {result.directory}"
     say(f"apil: interrupted at {result.steps} steps; {how}")
@@ -135,21 +139,6 @@ def print_result(result: RetrainResult) -> None:
         ]
         out.print(table("against", "the victim", "games>", "wins>", "wins or ties>", rows=rows))
     out.print(f"victim     retrained:{result.directory}", soft_wrap=True)
-
-
-def _draw_curve(result: RetrainResult, *, silent: bool) -> None:
-    """Draw ``curve.png`` in the run's directory; optional, so a failure is only a note."""
-    from apil_core.runs.retraining.folder import RetrainDir
-    from apil_core.studies.curves.retraining import draw_opponents
-
-    directory = RetrainDir(result.directory)
-    try:
-        draw_opponents(directory, directory.curve_path)
-    except ApilError as error:
-        complain(f"no learning curve: {error}", 0)
-        return
-    if not silent:
-        console().print(f"curve      {directory.curve_path}", soft_wrap=True)
 
 
 def _victims_view(score: EvaluationResult) -> tuple[str, str, str]:

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from apil_core.cli.bench_run import Placement, exit_code, perform_all, stored_benchmark
-from apil_core.cli.finish import finish
-from apil_core.cli.output import console, print_json
+from apil_core.cli.finish import draw_curve, finish
+from apil_core.cli.output import print_json
 from apil_core.cli.progress import make_progress
 from apil_core.common.errors import ConfigError
 from apil_core.training.distributed.world import World
@@ -65,17 +65,11 @@ def _perform(
 
 
 def _summary(bench: BenchDir, runs: list[Path]) -> None:
-    from apil_core.cli.guard import complain
     from apil_core.cli.runs import print_comparison
-    from apil_core.common.errors import ApilError
     from apil_core.studies.comparison import compare
     from apil_core.studies.loaded_run import plot_runs
     from apil_core.training.storage.run_dir import RunDir
 
     print_comparison(compare([RunDir(run) for run in runs]))
-    try:
-        plot_runs(runs).save(bench.path / "curve.png")
-    except ApilError as error:  # optional: no games have ended, or matplotlib is missing
-        complain(f"no learning curve: {error}", 0)
-    else:
-        console().print(f"curve      {bench.path / 'curve.png'}")
+    curve = bench.path / "curve.png"
+    draw_curve(curve, lambda: plot_runs(runs).save(curve))

@@ -46,6 +46,11 @@ class JsonDocument(BaseModel):
         write_atomically(path, lambda file: file.write(text.encode()))
 
     @classmethod
+    def stored(cls, path: Path) -> Self | None:
+        """Like :meth:`read`; ``None`` if there is no file."""
+        return cls.read(path) if path.is_file() else None
+
+    @classmethod
     def read(cls, path: Path) -> Self:
         """Read a document written by :meth:`write`.
 

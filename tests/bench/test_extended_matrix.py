@@ -12,7 +12,7 @@ from apil_core.common.errors import ConfigError
 from apil_core.common.numbers import whole_number
 from apil_core.evaluation.crossplay.document import CrossPlay
 from apil_core.studies.bench.cells import resolve_matrix
-from apil_core.studies.bench.folder import BenchDir, read_crossplay, read_score
+from apil_core.studies.bench.folder import BenchDir, read_score
 from apil_core.studies.bench.jobs import JobStatus, make_jobs
 from apil_core.studies.bench.matrix import Matrix, RetrainingStage, load_matrix
 from apil_core.studies.bench.players import with_full_names
@@ -34,7 +34,7 @@ def run(root: Path, **changes: Any) -> CrossPlay | None:
     bench.write_matrix(benchmark.matrix)
     course = run_jobs(make_jobs(benchmark), JobStatus(bench, benchmark), Here(root))
     assert set(course.states.values()) == {"done"}
-    return read_crossplay(bench, GAME)
+    return CrossPlay.stored(bench.crossplay_path(GAME))
 
 
 def labels(document: CrossPlay | None) -> list[str]:

@@ -16,8 +16,6 @@ from apil_core.studies.bench.matrix import BASELINE, Matrix, load_matrix
 from apil_core.training.storage.run_dir import RunDir
 
 if TYPE_CHECKING:
-    from apil_core.evaluation.crossplay.document import CrossPlay
-    from apil_core.studies.activations.models import ActivationMap
     from apil_core.studies.bench.cells import Cell
 
 MATRIX_FILE, SEEDS_FILE = "matrix.yaml", "seeds.yaml"
@@ -207,27 +205,3 @@ def write_result(path: Path, result: Any) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     text = result.model_dump_json(indent=1).encode() + b"\n"
     write_atomically(path, lambda file: file.write(text))
-
-
-def read_crossplay(bench: BenchDir, game: str) -> CrossPlay | None:
-    """Read the cross-play of a game; ``None`` if there is none yet.
-
-    Raises:
-        ConfigError: its file is damaged.
-    """
-    from apil_core.evaluation.crossplay.document import CrossPlay
-
-    path = bench.crossplay_path(game)
-    return CrossPlay.read(path) if path.is_file() else None
-
-
-def read_activations(bench: BenchDir, game: str) -> ActivationMap | None:
-    """Read the activations of a game's victim; ``None`` if there are none yet.
-
-    Raises:
-        ConfigError: its file is damaged.
-    """
-    from apil_core.studies.activations.models import ActivationMap
-
-    path = bench.activations_path(game)
-    return ActivationMap.read(path) if path.is_file() else None

@@ -183,9 +183,9 @@ class JobStatus:
         return result.get("status") == "finished" and int(result.get("steps", 0)) >= budget
 
     def _crossplay_done(self, game: str) -> bool:
-        from apil_core.studies.bench.folder import read_crossplay
+        from apil_core.evaluation.crossplay.document import CrossPlay
 
-        found = read_crossplay(self.bench, game)
+        found = CrossPlay.stored(self.bench.crossplay_path(game))
         if found is None or self.valid_crossplay(found, game) != found:
             return False
         return covers(found, self.adversaries(game), self.victims(game))
@@ -214,10 +214,11 @@ class JobStatus:
         return str(result.get("hardened", {}).get("sha256", ""))
 
     def _activations_done(self, game: str) -> bool:
-        from apil_core.studies.bench.folder import read_activations
+        from apil_core.studies.activations.models import ActivationMap
         from apil_core.studies.bench.still_valid import same_players
 
-        found, stage = read_activations(self.bench, game), self.benchmark.matrix.activations
+        found = ActivationMap.stored(self.bench.activations_path(game))
+        stage = self.benchmark.matrix.activations
         if found is None or stage is None or found.games_per_opponent != stage.episodes:
             return False
         return same_players(found.players, self.adversaries(game), self._adversaries_sha256(game))

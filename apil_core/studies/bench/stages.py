@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from apil_core.api.profiles import Profile
     from apil_core.evaluation.options import PairingOptions
     from apil_core.studies.bench.jobs import JobStatus
-from apil_core.studies.bench.folder import read_crossplay
 from apil_core.studies.bench.matrix import BASELINE
 
 _TRIES = 60
@@ -54,13 +53,13 @@ def harden(status: JobStatus, cell: Cell, threads: int, progress: Progress) -> b
 def play_all(status: JobStatus, game: str, threads: int, progress: Progress) -> None:
     """Play every adversary of a game against its victims, the retrained ones included."""
     from apil_core.evaluation.crossplay.crossplay import crossplay
+    from apil_core.evaluation.crossplay.document import CrossPlay
 
     stage = status.benchmark.matrix.crossplay
     assert stage is not None
     path = status.bench.crossplay_path(game)
     path.parent.mkdir(parents=True, exist_ok=True)
-    stored = read_crossplay(status.bench, game)
-    if stored is not None:  # the matrix may have been extended since
+    if (stored := CrossPlay.stored(path)) is not None:  # the matrix may have been extended since
         status.valid_crossplay(stored, game).write(path)
     crossplay(
         status.adversaries(game),

@@ -8,7 +8,6 @@ from pathlib import Path
 from apil_core.common.errors import ApilError
 from apil_core.runs.retraining.folder import RetrainDir
 from apil_core.studies.activations.models import ActivationMap
-from apil_core.studies.bench.folder import read_activations
 from apil_core.studies.curves.retraining import read_opponents
 from apil_core.studies.report.models import RetrainingCurve, Snapshot
 from apil_core.studies.report.sources import Sources
@@ -58,7 +57,7 @@ def snapshots(sources: Sources) -> list[Snapshot]:
 def activations(sources: Sources) -> list[ActivationMap]:
     """Every activation map of the benchmarks' games."""
     found = (
-        sources.read(read_activations, bench, game)
+        sources.read(ActivationMap.stored, bench.activations_path(game))
         for bench, matrix in sources.benches.values()
         for game in matrix.games
     )

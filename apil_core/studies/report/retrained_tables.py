@@ -73,8 +73,8 @@ def crossplays(sources: Sources) -> list[Played]:
     found = []
     for bench, matrix in sources.benches.values():
         steps = matrix.retraining.steps if matrix.retraining else None
-        for path in (bench.crossplay_path(game) for game in matrix.games):
-            document = sources.read(CrossPlay.read, path) if path.is_file() else None
+        for game in matrix.games:
+            document = sources.read(CrossPlay.stored, bench.crossplay_path(game))
             if document is not None and document.played:
                 found.append(Played(document, steps, _known(bench, document, attacks)))
     return [*found, *(Played(document, None, {}) for document in sources.crossplays if document.played)]
