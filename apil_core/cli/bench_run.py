@@ -22,10 +22,8 @@ from apil_core.studies.bench.matrix import NAMES_WITHOUT_BUDGET, matrix_names
 
 if TYPE_CHECKING:
     from apil_core.studies.bench.cells import Benchmark
-    from apil_core.studies.bench.estimate import Estimate
     from apil_core.studies.bench.executor import Executor
     from apil_core.studies.bench.folder import BenchDir
-    from apil_core.studies.bench.jobs import Job, JobStatus
     from apil_core.studies.bench.schedule import BenchResult
 
 _WHERE = Group("Where it runs", sort_key=1)
@@ -126,6 +124,7 @@ def run(
     others. Cells start seed by seed, in each method by method, in each game by game, as in the matrix.
     """
     from apil_core.cli.bench_table import print_plan, print_result
+    from apil_core.studies.bench.estimate import estimate
     from apil_core.studies.bench.jobs import JobStatus, make_jobs
 
     where = where or Placement()
@@ -136,7 +135,8 @@ def run(
         if where.executor == "ray":
             need("ray")
             workers = workers or 1  # a cluster's capacity is known once it is joined
-        cost = _estimate(benchmark, jobs, status, threads, quiet)
+        with make_progress(quiet=quiet) as progress:
+            cost = estimate(benchmark, status, threads=threads, jobs=jobs, note=progress.note)
         print_plan(benchmark, jobs, status, cost, workers, as_json=as_json)
         return 0
     begin = time.perf_counter()
@@ -151,15 +151,6 @@ def perform_all(bench: BenchDir, benchmark: Benchmark, where: Placement, *, quie
     from apil_core.studies.bench.schedule import run_benchmark
 
     return run_benchmark(bench, benchmark, where.start, partial(make_watch, quiet=quiet))
-
-
-def _estimate(
-    benchmark: Benchmark, jobs: list[Job], status: JobStatus, threads: int, quiet: bool
-) -> Estimate:
-    from apil_core.studies.bench.estimate import estimate
-
-    with make_progress(quiet=quiet) as progress:
-        return estimate(benchmark, status, threads=threads, jobs=jobs, note=progress.note)
 
 
 def stored_benchmark(matrix: str, out: Path | None, steps: int | None) -> tuple[BenchDir, Benchmark]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Group, Parameter
 
 from apil_core.cli.flags import Json, PairingFlags, Quiet, flags_of
-from apil_core.cli.output import console, print_facts, print_json, table
+from apil_core.cli.output import console, emit, print_facts, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent, physics
 from apil_core.evaluation.options import PairingOptions
@@ -90,6 +90,7 @@ def crossplay(
     from apil_core.common.charts import check_picture
     from apil_core.common.files import check_free, check_place
     from apil_core.evaluation.crossplay.crossplay import crossplay as play
+    from apil_core.evaluation.crossplay.document import comparisons
     from apil_core.runs.labels import labelled
 
     if picture is not None:
@@ -111,17 +112,8 @@ def crossplay(
         from apil_core.evaluation.crossplay.heat_map import draw_crossplay
 
         draw_crossplay(document, picture)
-    if as_json:
-        _print_json(document)
-    else:
-        print_crossplay(document, out, picture)
-
-
-def _print_json(document: CrossPlay) -> None:
-    from apil_core.evaluation.crossplay.document import comparisons
-
-    compared = [each.model_dump(mode="json") for each in comparisons(document)]
-    print_json({**document.model_dump(mode="json"), "comparisons": compared})
+    result = {**document.model_dump(mode="json"), "comparisons": comparisons(document)}
+    emit(result, as_json, lambda: print_crossplay(document, out, picture))
 
 
 def print_crossplay(document: CrossPlay, out: Path | None = None, picture: Path | None = None) -> None:

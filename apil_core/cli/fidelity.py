@@ -11,6 +11,7 @@ from apil_core.cli.flags import Flags, Json, Quiet, flags_of
 from apil_core.cli.output import console, emit, table
 from apil_core.cli.progress import make_progress
 from apil_core.cli.readout import percent
+from apil_core.common.errors import ConfigError
 from apil_core.evaluation.options import FidelityOptions
 
 if TYPE_CHECKING:
@@ -63,15 +64,16 @@ def fidelity(
     Scores are the adversary's, with Wilson 95 % intervals; differences are measured minus published,
     with Newcombe 95 % intervals. "agrees" means that 0 lies in that interval, and no more than that.
     """
-    from apil_core.evaluation.fidelity.plan import plan_rows
+    from apil_core.evaluation.fidelity.plan import no_profiles, plan_rows
     from apil_core.evaluation.fidelity.play import missing_policy, play_rows
     from apil_core.plugins.discovery import discover
 
     options = (flags or FidelityFlags()).options()
     plugins = discover(options.plugin_files)
     games = _games(plugins, game)
-    if game and options.physics is not None:
-        _check_profiles(games)
+    named = games if game and options.physics is not None else ()  # others are skipped silently
+    for reason in filter(None, map(no_profiles, named)):
+        raise ConfigError(reason)
     plan = plan_rows(games, options, missing_policy(plugins))
     with make_progress(quiet=quiet) as progress:
         rows = play_rows(plan.rows, plugins=plugins, threads=options.threads, progress=progress, out=out)
@@ -87,18 +89,8 @@ def _games(plugins: PluginRegistry, names: list[str] | None) -> list[GameSpec]:
     return list(plugins.games.values())
 
 
-def _check_profiles(games: list[GameSpec]) -> None:
-    """Check that games named by the user have profiles; others would be skipped silently."""
-    from apil_core.common.errors import ConfigError
-    from apil_core.evaluation.fidelity.plan import no_profiles
-
-    for reason in filter(None, map(no_profiles, games)):
-        raise ConfigError(reason)
-
-
 def _assignments(text: str) -> dict[str, Any]:
     """Parse ``a=1,b=x`` into a mapping; values are read as YAML."""
-    from apil_core.common.errors import ConfigError
     from apil_core.config.layers import parse_yaml
 
     pairs = [part.partition("=") for part in text.split(",")]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -74,26 +74,18 @@ def draw_opponents(directory: RetrainDir, path: Path) -> list[CurveGroup]:
 
 def _scores(label: str, rows: Sequence[Row], results: Sequence[Mapping[str, Any]]) -> list[ScorePoint]:
     """Scores before, during and after the retraining; of several at the same steps the last."""
-    end = rows[-1]["steps"]
-    points = [*_of_results(label, results), *_periodic(label, rows)]
-    found = {point.steps: point for point in points if point.steps <= end}
-    return [found[steps] for steps in sorted(found)]
-
-
-def _of_results(label: str, results: Sequence[Mapping[str, Any]]) -> Iterator[ScorePoint]:
+    points = []
     for result in results:
         for key, steps in (("before", 0), ("after", int(result["steps"]))):
             if label in result.get(key, {}):
                 score = EvaluationResult.model_validate(result[key][label])
-                yield _point(steps, score.episodes, score.losses, score.ties)
-
-
-def _periodic(label: str, rows: Sequence[Row]) -> Iterator[ScorePoint]:
+                points.append(_point(steps, score.episodes, score.losses, score.ties))
     for row in rows:
         keys = [f"evaluation/{label}/{name}" for name in ("games", "wins", "ties")]
         if all(key in row for key in keys):
-            games, wins, ties = (int(row[key]) for key in keys)
-            yield _point(int(row["steps"]), games, wins, ties)
+            points.append(_point(int(row["steps"]), *(int(row[key]) for key in keys)))
+    found = {point.steps: point for point in points if point.steps <= rows[-1]["steps"]}
+    return [found[steps] for steps in sorted(found)]
 
 
 def _point(steps: int, games: int, wins: int, ties: int) -> ScorePoint:

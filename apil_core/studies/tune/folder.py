@@ -133,7 +133,8 @@ class StudyDir:
                 self.path / ".next.lock", f"no trial of {self.path} can be taken", patience=_PATIENCE
             ):
                 trial = self._interrupted(study, held)
-                if trial is None and _begun(study) < trials:
+                begun = [t for t in study.get_trials(deepcopy=False) if t.state != TrialState.WAITING]
+                if trial is None and len(begun) < trials:
                     trial = study.ask()
                     held.enter_context(self._taken(trial.number))
             yield trial
@@ -163,8 +164,3 @@ class StudyDir:
                 f"{self.path} was begun with {key} {before}, now it is {now}{more}; choose another --out, "
                 f"or go on as it was begun: apil tune {self.path}"
             )
-
-
-def _begun(study: Study) -> int:
-    waiting = (TrialState.WAITING,)
-    return len(study.get_trials(deepcopy=False)) - len(study.get_trials(deepcopy=False, states=waiting))
