@@ -111,13 +111,13 @@ def home(top: Path) -> None:
 
 
 def bring(run: RunDir, into: Path) -> None:
-    """Copy one run, unless a longer one has its place."""
+    """Copy one run, unless another one that is no shorter has its place."""
     config, result = run.config(), run.path / "result.json"
     target = into / config.env / config.method / f"s{config.seed}"
     there = target / result.name
     if there.is_file() and there.read_bytes() != result.read_bytes():
-        if json.loads(there.read_text())["steps"] > json.loads(result.read_text())["steps"]:
-            return print(f"{run.path}: a longer run is in {target}")
+        if json.loads(there.read_text())["steps"] >= json.loads(result.read_text())["steps"]:
+            return print(f"{run.path}: another run, no shorter, is in {target}")
         shutil.rmtree(target)  # scores are of the adversary, so they go with it
     if not there.is_file():
         target.mkdir(parents=True, exist_ok=True)
