@@ -14,8 +14,8 @@ from apil_core.api.types import View
 class TwoPlayerGames:
     """A batch of numpy games, played by torch policies.
 
-    Training, scores, videos and the Gymnasium view step their games through this class. The victim acts
-    first, and the adversary may get its action (an oracle reads it)::
+    Training, distillation, scores, videos and the Gymnasium views step their games through this class. The
+    victim acts first, and the adversary may get its action (an oracle reads it)::
 
         games = TwoPlayerGames(game, device)
         games.reset()
