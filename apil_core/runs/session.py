@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
@@ -97,8 +96,6 @@ class Session:
         self._saved_iteration = -1
         self._said = False
         self._stop_request = StopRequest(progress)
-        if self.config.evaluation.episodes or self.config.evaluation.every_steps:
-            import_module("scipy.stats")  # scores need it: where memory is too short, no training is lost
 
     def run(self, teacher: Policy | None = None) -> RunResult:
         """Run :meth:`train` and return its result."""

@@ -105,15 +105,16 @@ def test_only_what_is_missing_is_played(bench: BenchDir, tmp_path: Path) -> None
     assert left == [f"adversaries/{TOY} drunk {matrix.victims[TOY][0]}"]
 
 
-def test_other_weights_under_the_same_name_are_refused(tmp_path: Path) -> None:
-    name = f"safetensors:{chaser(tmp_path / 'c.safetensors')}"
-    found = benchmark(tmp_path / "b", adversaries={TOY: {"chaser": name}})
-    check_same_adversaries(found, with_full_names(resolve_matrix(found.matrix()), "m"))
-    chaser(tmp_path / "c.safetensors", gain=1.0)
+def test_other_weights_under_the_same_name_are_refused(bench: BenchDir) -> None:
+    file = bench.path.parent / "chaser.safetensors"
+    weights = file.read_bytes()
+    check_same_adversaries(bench, with_full_names(resolve_matrix(bench.matrix()), "m"))
+    chaser(file, gain=1.0)
     with pytest.raises(
         ConfigError, match=r"adversaries\.toy-pursuit\.chaser: .* changed since it was scored"
     ):
-        check_same_adversaries(found, with_full_names(resolve_matrix(found.matrix()), "m"))
+        check_same_adversaries(bench, with_full_names(resolve_matrix(bench.matrix()), "m"))
+    file.write_bytes(weights)
 
 
 def test_a_run_plays_the_games_of_the_cells(bench: BenchDir, tmp_path: Path) -> None:

@@ -30,7 +30,10 @@ COIN = Path(__file__).with_name("coin_game.py")
 TINY = ("--env", "coin", "--plugin", str(COIN), "--num-envs", "8", "--steps", "256", "--threads", "1")
 """Flags of a training of 256 steps."""
 
-SMALL = ("--set", "ppo.num_steps=16", "--set", "evaluation.episodes=20")
+SMALL = (
+    *("--set", "ppo.num_steps=16", "--set", "ppo.epochs=1", "--set", "ppo.minibatches=2"),
+    *("--set", "evaluation.episodes=20"),
+)
 
 
 @dataclass

@@ -19,7 +19,7 @@ TOY = ("--env", "toy-pursuit")
 SHORT = (
     *TOY,
     *("--method", "adrl", "--steps", "1k", "--num-envs", "16", "--threads", "1", "--quiet"),
-    *("--set", "ppo.num_steps=16", "--set", "evaluation.episodes=8"),
+    *("--set", "ppo.num_steps=16", "--set", "ppo.epochs=1", "--set", "evaluation.episodes=8"),
 )
 
 AGENT = """

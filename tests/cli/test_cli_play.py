@@ -214,9 +214,10 @@ def test_a_mujoco_game_on_a_machine_without_a_screen(
 
 def test_an_opengl_that_is_not_there_is_named() -> None:
     """MuJoCo loads it when it is imported, so any command may meet it."""
+    code = "from apil_core import make_game; make_game('run-to-goal-ants', num_envs=1)"
     environment = {**os.environ, "MUJOCO_GL": "bogus"}
-    command = [sys.executable, "-m", "apil_core.cli", "eval", "zero", "--env", "run-to-goal-ants"]
+    command = [sys.executable, "-c", code]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
-    assert "MUJOCO_GL is set to 'bogus': install that OpenGL, or unset it" in done.stderr
+    told = done.stderr.splitlines()[-1]
+    assert told.startswith("apil_core.common.errors.PluginError: ")
+    assert "MUJOCO_GL is set to 'bogus': install that OpenGL, or unset it" in told

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from statsmodels.stats.proportion import confint_proportions_2indep, proportion_confint
-from statsmodels.stats.weightstats import DescrStatsW
 
 from apil_core.common.statistics import difference, mean_interval, wilson_interval
 
@@ -16,6 +14,8 @@ counts = st.integers(1, 5000).flatmap(lambda games: st.tuples(st.integers(0, gam
 
 @given(st.lists(counts, min_size=1, max_size=5))
 def test_shares(pairs: list[tuple[int, int]]) -> None:
+    from statsmodels.stats.proportion import proportion_confint  # slow to import
+
     wins, games = np.array(pairs).T
     low, high = wilson_interval(wins, games)
     expected = proportion_confint(wins, games, alpha=0.05, method="wilson")
@@ -30,6 +30,8 @@ def test_shares_of_none_and_of_all_end_exactly() -> None:
 
 @given(counts, counts)
 def test_differences(one: tuple[int, int], base: tuple[int, int]) -> None:
+    from statsmodels.stats.proportion import confint_proportions_2indep
+
     found = difference(*one, *base)
     low, high = confint_proportions_2indep(*one, *base, compare="diff", method="newcomb")
     assert (found.low, found.high) == pytest.approx((low, high), abs=1e-14)
@@ -38,5 +40,7 @@ def test_differences(one: tuple[int, int], base: tuple[int, int]) -> None:
 
 @given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=9))
 def test_means(values: list[float]) -> None:
+    from statsmodels.stats.weightstats import DescrStatsW
+
     expected = DescrStatsW(values).tconfint_mean()
     assert mean_interval(values) == pytest.approx(expected, rel=1e-9, abs=1e-9)

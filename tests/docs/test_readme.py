@@ -38,7 +38,7 @@ from speed.__main__ import main as speed
 TOY = ("--env", "toy-pursuit")
 TINY = (
     *("--steps", "1k", "--num-envs", "16", "--threads", "1", "--quiet"),
-    *("--set", "ppo.num_steps=16", "--set", "evaluation.episodes=4"),
+    *("--set", "ppo.num_steps=16", "--set", "ppo.epochs=1", "--set", "evaluation.episodes=4"),
 )
 
 GROUPS = (("runs",), ("config",), ("victims",), ("bench",), ("analyze",), ("new",))

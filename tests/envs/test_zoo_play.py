@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from statsmodels.stats.proportion import confint_proportions_2indep, proportion_confint
 
 from apil_core import NO_WINNER
 from apil_envs.kick_and_defend import KEEPER, KICKER, KickAndDefend
@@ -26,6 +25,8 @@ def played(zoo_dir: Path) -> tuple[Score, tuple[np.ndarray, np.ndarray]]:
 
 def test_win_rate_is_possible(played: tuple[Score, tuple[np.ndarray, np.ndarray]]) -> None:
     """40 games: wide, but a wrong contact force, inertia or ball friction falls outside."""
+    from statsmodels.stats.proportion import proportion_confint
+
     score, _ = played
     assert score.games == 40
     low, high = proportion_confint(score.keeper_wins, score.games, alpha=0.001, method="wilson")
@@ -48,6 +49,8 @@ def test_filters_fit_every_block(zoo_dir: Path, played: tuple[Score, tuple[np.nd
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_a_thousand_games(zoo_dir: Path) -> None:
+    from statsmodels.stats.proportion import confint_proportions_2indep
+
     score, _ = play(zoo_dir, games=1000, num_envs=250, seed=1000)
     low, high = confint_proportions_2indep(
         score.keeper_wins, score.games, PROTOTYPE_WINS, PROTOTYPE_GAMES, alpha=0.01

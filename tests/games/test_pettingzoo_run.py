@@ -115,8 +115,8 @@ def test_a_config_holds_all_options_and_explains_them(registry: PluginRegistry) 
 # --- runs
 
 
-@pytest.mark.parametrize("method", ["adrl", "apl", "apil", "e_apil"])
-def test_all_methods_train_on_it(tmp_path: Path, method: str) -> None:
+@pytest.mark.parametrize("method", ["adrl", "e_apil"])  # which is made of the two others
+def test_methods_train_on_it(tmp_path: Path, method: str) -> None:
     result = run(short(method, steps=192, evaluation={"episodes": 6}), out=tmp_path / "r")
     assert result.evaluation is not None
     assert set(result.evaluation.causes) <= {"terminated", "truncated"}

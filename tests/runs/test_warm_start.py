@@ -97,18 +97,21 @@ def test_the_critic_is_fitted_and_the_policy_stays(teacher):
 
 def test_it_is_told_beside_its_teacher_and_goes_on_exactly(teacher, tmp_path):
     notes = Notes()
-    whole = run(starting(f"run:{teacher}"), out=tmp_path / "whole", progress=notes)
+    short = {"init_steps": 2 * ITERATION}
+    whole = run(
+        starting(f"run:{teacher}", steps=4 * ITERATION, **short), out=tmp_path / "whole", progress=notes
+    )
     (line,) = (line for line in notes.lines if line.startswith("warm start"))
-    assert line.startswith(f"warm start: after {10 * ITERATION:,} steps the clone wins ")
+    assert line.startswith(f"warm start: after {2 * ITERATION:,} steps the clone wins ")
     assert " of 50 games, run:" in line
-    assert whole.steps == 12 * ITERATION
+    assert whole.steps == 4 * ITERATION
     rows = [json.loads(row) for row in RunDir(tmp_path / "whole").metrics_path.read_text().splitlines()]
     assert [(row["iteration"], row["steps"]) for row in rows] == [
-        (1, 11 * ITERATION),
-        (2, 12 * ITERATION),
+        (1, 3 * ITERATION),
+        (2, 4 * ITERATION),
     ]
-    run(starting(f"run:{teacher}", steps=11 * ITERATION), out=tmp_path / "parts")
-    resume(tmp_path / "parts", steps=12 * ITERATION)
+    run(starting(f"run:{teacher}", steps=3 * ITERATION, **short), out=tmp_path / "parts")
+    resume(tmp_path / "parts", steps=4 * ITERATION)
     ends = [checkpoint.read(RunDir(tmp_path / name).newest_checkpoint()) for name in ("whole", "parts")]
     assert differences(*ends) == []
 

@@ -74,7 +74,7 @@ def test_coloured_noise_outlives_its_horizon():
 
 @pytest.mark.parametrize("kind", ["ar1", "coloured"])
 def test_a_run_goes_on_exactly(tmp_path, kind):
-    ppo = {"num_steps": 32, "noise": kind}
+    ppo = {"num_steps": 32, "epochs": 1, "noise": kind}
     whole = run(small_config("adrl", ppo=ppo), out=tmp_path / "whole")
     run(small_config("adrl", ppo=ppo, steps=whole.steps // 3), out=tmp_path / "parts")
     resume(tmp_path / "parts", steps=small_config().steps)

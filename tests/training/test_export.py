@@ -79,7 +79,7 @@ def real_views(games: int = 6, steps: int = 20) -> Iterator[View]:
 @pytest.mark.parametrize(
     "name",
     [
-        "adrl",
+        pytest.param("adrl", marks=pytest.mark.slow),  # by default in tests/cli/test_cli_foreign.py
         pytest.param("apl", marks=pytest.mark.slow),  # looks like ADRL's
         pytest.param("apil", marks=pytest.mark.slow),  # and this like E-APIL's
         "e_apil",
@@ -208,15 +208,15 @@ def test_an_exported_file_needs_the_plugin_of_its_method(plugin: Path, tmp_path:
 
 def test_where_it_came_from_is_in_the_file(exported: Exports) -> None:
     for format in FORMATS:
-        result = exported("apil", format)
+        result = exported("e_apil", format)
         told = load_policy(result.name, seat=make_game("toy-pursuit", num_envs=1).layout.sides[1]).info
         assert told.provenance == result.provenance
-        assert told.provenance["method"] == "apil"
+        assert told.provenance["method"] == "e_apil"
         assert told.provenance["steps"] == "2048"
         assert told.provenance["side"] == "pursuer"
         assert len(told.provenance["checkpoint_sha256"]) == 64
         assert told.action_bounds == (-1, 1)
-    with safe_open(exported("apil", "safetensors").file, framework="pt") as file:
+    with safe_open(exported("e_apil", "safetensors").file, framework="pt") as file:
         metadata = file.metadata()
     assert metadata["format"] == "apil-adversary-1"
     assert json.loads(metadata["config"])["options"]["apil"]["prediction"] == "imitator"

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 
 import pytest
-from statsmodels.stats.proportion import proportions_ztest
 
 from apil_core import evaluate, run
+from apil_core.common.statistics import difference
 from apil_core.testing import tiny_config
 
 STEPS = {"adrl": 45_000, "apl": 90_000, "apil": 90_000, "e_apil": 130_000}
@@ -34,8 +34,8 @@ def test_training_raises_the_win_rate(tmp_path, method):
     run(learning_config(method, 1), out=tmp_path / "before")
     run(learning_config(method, STEPS[method]), out=tmp_path / "after")
     before, after = (evaluate(tmp_path / name, episodes=EPISODES, seed=1) for name in ("before", "after"))
-    _, p = proportions_ztest([after.wins, before.wins], [EPISODES, EPISODES], alternative="larger")
-    assert p < 1e-6, f"{before.win_rate} → {after.win_rate}"
+    gain = difference(after.wins, EPISODES, before.wins, EPISODES)
+    assert gain.low > 0.1, f"{before.win_rate} → {after.win_rate}"
     if method == "e_apil":
         last = [json.loads(x) for x in (tmp_path / "after" / "metrics.jsonl").read_text().splitlines()][-5:]
         for ours, constant, sign in (

@@ -182,7 +182,7 @@ class StopAfter(Progress):
             raise KeyboardInterrupt
 
 
-@pytest.mark.parametrize("last", [5, 9])
+@pytest.mark.parametrize("last", [5, pytest.param(9, marks=pytest.mark.slow)])
 def test_a_killed_run_goes_on_with_the_same_rows(tmp_path, last):
     run(sparse_config(), out=tmp_path / "whole")
     with pytest.raises(KeyboardInterrupt):
