@@ -30,8 +30,7 @@ def test_an_imitator_learns_from_what_was_recorded(recording):
 
     files = sorted(recording.glob("*.pt"))
     assert len(files) == 6
-    quick = {f"options.apil.{part}.minibatches": 8 for part in ("imitator", "discriminator")}
-    config = resolve(flags={"method": "e_apil", "env": "toy-pursuit", **quick}, plugins=default_plugins())
+    config = resolve(flags={"method": "e_apil", "env": "toy-pursuit"}, plugins=default_plugins())
     rows = imitate(config, files)
     again = imitate(config, files)
     assert [row["relative_error"] for row in rows] == [row["relative_error"] for row in again]
