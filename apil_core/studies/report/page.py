@@ -69,7 +69,12 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters.update(
-        percent=percent, whole=_whole, signed=_signed, amount=amount, yaml=_yaml, mark=_mark
+        percent=percent,
+        whole=lambda share: f"{100 * share:.0f}",
+        signed=lambda share: f"{100 * share:+.1f}".replace("-", "−"),
+        amount=amount,
+        yaml=_yaml,
+        mark=_mark,
     )
     return environment
 
@@ -113,14 +118,6 @@ def _mark(pen: Pen) -> Markup:
 
     colour, dash, mark = palette.with_variables(pen.colour), _DASHES[pen.dashes], _MARKS[pen.marker]
     return Markup(f'<span class="mark {dash}" style="color:{colour}" aria-hidden="true">{mark}</span>')
-
-
-def _whole(share: float) -> str:
-    return f"{100 * share:.0f}"
-
-
-def _signed(share: float) -> str:
-    return f"{100 * share:+.1f}".replace("-", "−")
 
 
 def _yaml(data: Mapping[str, Any]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from apil_core.common.files import read_json
 from apil_core.studies.bench.jobs import CELL
 from apil_core.studies.report.models import Provenance, RunFacts, Unfinished
 from apil_core.studies.report.settings import Key
-from apil_core.studies.report.sources import Run, Sources, StoredBench
+from apil_core.studies.report.sources import Run, Sources
 
 
 def provenance(sources: Sources) -> Provenance:
@@ -28,8 +28,8 @@ def provenance(sources: Sources) -> Provenance:
         matrices={path: matrix.model_dump(mode="json") for path, (_, matrix) in sources.benches.items()},
         runs=facts,
         versions=versions,
-        git=_all(each.git for each in facts),
-        hosts=_all(each.host for each in facts),
+        git=sorted({each.git for each in facts} - {""}),
+        hosts=sorted({each.host for each in facts} - {""}),
         hours=sum(each.hours for each in facts),
         steps=sum(each.steps for each in facts),
         written=time.strftime("%Y-%m-%d %H:%M:%S%z"),
@@ -41,10 +41,6 @@ def _single_runs(sources: Sources) -> list[str]:
     """Directories of runs that belong to no benchmark."""
     benches = [Path(path) for path in sources.benches]
     return [run.path for run in sources.runs if not any(b in Path(run.path).parents for b in benches)]
-
-
-def _all(texts: Iterable[str]) -> list[str]:
-    return sorted({text for text in texts if text})
 
 
 def _facts(run: Run, session: Mapping[str, Any]) -> RunFacts:
@@ -83,15 +79,17 @@ def unfinished(sources: Sources, unscored: Sequence[tuple[Key, Run]]) -> list[Un
     found = list(sources.missing)
     found += [
         Unfinished(
-            game=subject.split("/")[0].split(" ")[0],
-            method=kind,
-            label=subject,
+            game=job.subject.split("/")[0].split(" ")[0],
+            method=job.kind,
+            label=job.subject,
             status="failed",
             reason=reason,
-            path=str(bench.path / kind / subject),
+            path=str(bench.path / job.kind / job.subject),
         )
         for bench, _ in sources.benches.values()
-        for kind, subject, reason in _failed_jobs(bench)
+        for job in bench.jobs
+        if job.kind != CELL  # a training's status shows it
+        and (reason := bench.failure(job.name))
     ]
     without = {run.path for _, run in unscored}
     return found + [
@@ -108,13 +106,6 @@ def unfinished(sources: Sources, unscored: Sequence[tuple[Key, Run]]) -> list[Un
         for run in sources.runs
         if run.path in without or run.failure or run.status != "finished"
     ]
-
-
-def _failed_jobs(bench: StoredBench) -> Iterator[tuple[str, str, str]]:
-    """Kind, subject and reason of failed jobs other than trainings, whose status shows it."""
-    for job in bench.jobs:
-        if job.kind != CELL and (reason := bench.failure(job.name)):
-            yield job.kind, job.subject, reason
 
 
 def _reason(run: Run, unscored: bool) -> str:

@@ -41,6 +41,7 @@ def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
     differences = method_differences(tables)
     logged, panels = diagnostics(groups, named), curve_panels(groups, named, attacks, columns)
     mapped, origin = other_results.activations(sources), provenance(sources)
+    titles = [matrix.title for _, matrix in sources.benches.values()]
     missing = unfinished(sources, groups.unscored)
     found: list[Warning] = [
         *warnings.setting_warnings(all_settings, tables),
@@ -52,7 +53,7 @@ def gather(dirs: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
         *(Warning(kind="damaged", loud=True, text=text) for text in sources.damaged),
     ]
     return ReportData(
-        title=_title(sources),
+        title=next(filter(None, titles), "Adversarial policies, as measured"),
         games=games,
         columns=columns,
         settings=all_settings,
@@ -91,8 +92,3 @@ def _games(sources: Sources) -> list[str]:
     """Games in the paper's order, others last."""
     found = sources.games
     return [g for g in published().games if g in found] + [g for g in found if g not in published().games]
-
-
-def _title(sources: Sources) -> str:
-    titles = [matrix.title for _, matrix in sources.benches.values() if matrix.title]
-    return titles[0] if titles else "Adversarial policies, as measured"

@@ -76,6 +76,7 @@ def key_of(run: Run, score: EvaluationResult | None) -> Key:
         # old scores have no profile: they were played with the run's
         physics, victim = score.physics or run.physics, score.victim.name
     trained = score.trained_steps if score is not None else None
+    played = {} if score is None else score.observers or {}
     default = default_config(config)
     stored = flatten(config.model_dump(mode="json"))
     usual = {} if default is None else flatten(default.model_dump(mode="json"))
@@ -91,7 +92,7 @@ def key_of(run: Run, score: EvaluationResult | None) -> Key:
         axes=tuple((key, str(value)) for key, value in axes.items()),
         other=tuple((key, str(value)) for key, value in _other(config, default).items() if key not in axes),
         observers=config.observers,
-        scored_with=_scored_with(config, score),
+        scored_with=_observed({name: o for name, o in played.items() if name not in config.observers}),
     )
 
 
@@ -114,11 +115,6 @@ def key_without_run(score: EvaluationResult) -> Key:
         other=tuple((key, str(value)) for key, value in changed.items()),
         scored_with=_observed(score.observers or {}),
     )
-
-
-def _scored_with(config: RunConfig, score: EvaluationResult | None) -> tuple[tuple[str, str], ...]:
-    played = {} if score is None or score.observers is None else score.observers
-    return _observed({name: options for name, options in played.items() if name not in config.observers})
 
 
 def _observed(observers: Mapping[str, Mapping[str, Any]]) -> tuple[tuple[str, str], ...]:
