@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import random
 import time
 from collections.abc import Mapping, Sequence
@@ -118,8 +119,7 @@ _GLOBAL = ("torch's global generator", "numpy's global generator", "Python's mod
 
 
 def _random_states() -> tuple[bytes, bytes, int]:
-    _, keys, position, *_ = np.random.get_state(legacy=True)
-    numpy_state = np.asarray(keys).tobytes() + bytes(str(position), "ascii")
+    numpy_state = pickle.dumps(np.random.get_state())
     return torch.get_rng_state().numpy().tobytes(), numpy_state, hash(random.getstate())
 
 

@@ -13,20 +13,10 @@ from apil_core.common.errors import ConfigError, RunDirError, failures
 from apil_core.common.files import locked
 from apil_core.config.resolve import differences
 from apil_core.evaluation.progress import Progress
+from apil_core.studies.bench import jobs
 from apil_core.studies.bench.cells import Benchmark, Cell, resolve_matrix
 from apil_core.studies.bench.folder import BenchDir, write_score
-from apil_core.studies.bench.jobs import (
-    ACTIVATIONS,
-    ADVERSARIES,
-    BASELINES,
-    CELL,
-    CROSSPLAY,
-    RETRAINING,
-    SNAPSHOTS,
-    Job,
-    JobStatus,
-    make_jobs,
-)
+from apil_core.studies.bench.jobs import Job, JobStatus, make_jobs
 from apil_core.studies.bench.matrix import BASELINE, ScoreConfig
 from apil_core.training.storage.run_dir import RunDir
 
@@ -98,21 +88,21 @@ class _Worker:
         from apil_core.studies.bench import stages
 
         match job.kind:
-            case k if k == CELL:
+            case jobs.CELL:
                 return self._cell(self.status.cells[job.subject])
-            case k if k == BASELINES:
+            case jobs.BASELINES:
                 self._replay(*job.subject.split(" ", 1))
-            case k if k == ADVERSARIES:
+            case jobs.ADVERSARIES:
                 game, label, victim = job.subject.split(" ", 2)
                 self._replay(game, victim, label)
-            case k if k == RETRAINING:
+            case jobs.RETRAINING:
                 cell = self.status.cells[job.subject]
                 return stages.harden(self.status, cell, self.threads, self.progress)
-            case k if k == CROSSPLAY:
+            case jobs.CROSSPLAY:
                 stages.play_all(self.status, job.subject, self.threads, self.progress)
-            case k if k == ACTIVATIONS:
+            case jobs.ACTIVATIONS:
                 stages.map_activations(self.status, job.subject, self.threads, self.progress)
-            case k if k == SNAPSHOTS:
+            case jobs.SNAPSHOTS:
                 stages.take_snapshots(self.status, self.status.cells[job.subject], self.progress)
         return True
 
