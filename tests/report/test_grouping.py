@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from helpers.small_runs import small_config
 from studies.paper_runs import VICTIM, row
 
 from apil_core.config.resolve import complete
@@ -13,6 +12,7 @@ from apil_core.plugins.registry import default_plugins
 from apil_core.studies.bench.folder import write_score
 from apil_core.studies.report.models import ReportData
 from apil_core.studies.report.report_data import gather
+from apil_core.testing import tiny_config
 from apil_core.training.storage.run_dir import RunDir
 from report.sample import KICK, VICTIMS, result, write_run
 
@@ -22,7 +22,7 @@ ROWS = [row(1000, 100, 50), row(2000, 100, 60)]
 
 def _run(path: Path, wins: int, score: dict[str, Any] | None = None, **changes: Any) -> RunDir:
     run = RunDir(path)
-    config = small_config(**{"method": "adrl", "victim": VICTIM, "steps": 2000, **changes})
+    config = tiny_config(**{"method": "adrl", "victim": VICTIM, "steps": 2000, **changes})
     write_run(run, complete(config, default_plugins()), ROWS)
     run.write_json(run.result_path, {"status": "finished", "steps": 2000})
     own = {"env": TOY, "trained_steps": 2000, "game_settings": {}, **(score or {})}
