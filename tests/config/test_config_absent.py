@@ -30,7 +30,7 @@ from apil_core.training.storage import checkpoint
 from apil_core.training.storage.run_dir import RunDir
 
 ROOT = Path(__file__).parents[2]
-LONG = ROOT / "docs" / "results" / "long" / "kick-and-defend-e_apil-s0"
+LONG = ROOT / "docs" / "results" / "long" / "kick-and-defend" / "e_apil" / "s0"
 
 ADDED = {
     "init_steps": 200_000,
