@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
-from helpers.small_runs import small_config
+from helpers.small_runs import metrics_of, small_config
 
 from apil_core import GameSpec, run
 from apil_core.api.specs import PolicySpec, RecorderSpec
@@ -112,7 +112,7 @@ def test_a_recorder_costs_neither_the_result_nor_the_other_recorders(tmp_path: P
     result = run(config, out=tmp_path / "r", plugins=found)
     assert result.status == "finished"
     assert json.loads((tmp_path / "r" / "result.json").read_text())["status"] == "finished"
-    rows = [json.loads(line) for line in (tmp_path / "r" / "metrics.jsonl").read_text().splitlines()]
+    rows = metrics_of(tmp_path / "r")
     assert rows[-1]["steps"] == result.steps
 
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 import torch
+from helpers.made_plugins import registry_with
 from helpers.small_runs import small_config
-from plugins.test_plugin_in_run import registry_with
 
 from apil_apil.imitator import Imitator
 from apil_core import ApilError, GameSpec, Method, View, evaluate, hookimpl, make_game, run

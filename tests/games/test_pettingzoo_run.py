@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.small_runs import differences, small_config
+from helpers.small_runs import differences, final_state, small_config
 
 from apil_core import ConfigError, PluginError, UnknownNameError, evaluate, resume, run
 from apil_core.api.config import BlindMode
@@ -21,7 +21,6 @@ from apil_core.cli import main
 from apil_core.config.resolve import complete, dump_yaml
 from apil_core.config.schema import json_schema
 from apil_core.plugins.discovery import PluginRegistry, discover
-from apil_core.training.storage import checkpoint
 from apil_core.training.storage.run_dir import RunDir
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,10 +32,6 @@ FAILING = {"plan": {40: {"raise": "kaputt"}}}
 
 def short(method: str = "adrl", **changes: Any) -> Any:
     return small_config(method, **{**RACE, "steps": 4 * 96, "threads": 2, **changes})
-
-
-def final_state(path: Path) -> Any:
-    return checkpoint.read(RunDir(path).newest_checkpoint())
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from apil_core.config.layers import Layer, merge
 from apil_core.testing import tiny_config
 from apil_core.testing.states import differences as differences
 from apil_core.testing.states import leaves as leaves
+from apil_core.training.storage import checkpoint
 from apil_core.training.storage.run_dir import RunDir
 
 FEW = {"minibatches": 4}
@@ -22,6 +24,16 @@ def small_config(method: str = "e_apil", **changes: Any) -> RunConfig:
     if method in ("apil", "e_apil"):
         changes["options"], _ = merge(QUICK, [Layer(changes.get("options", {}), {})])
     return tiny_config(method, **changes)
+
+
+def final_state(path: str | Path) -> dict[str, Any]:
+    """A run's newest checkpoint."""
+    return checkpoint.read(RunDir(path).newest_checkpoint())
+
+
+def metrics_of(path: str | Path) -> list[dict[str, Any]]:
+    """Rows of a run's log."""
+    return [json.loads(line) for line in RunDir(path).metrics_path.read_text().splitlines()]
 
 
 def three_iterations(path: Path) -> RunDir:

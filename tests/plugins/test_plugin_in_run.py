@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-import types
-
 import pytest
 import torch
-from helpers.small_runs import small_config
+from helpers.made_plugins import registry_with
+from helpers.small_runs import metrics_of, small_config
 
-from apil_core import Method, MethodSpec, PluginError, evaluate, hookimpl, run
-from apil_core.plugins.discovery import PluginRecord, discover
+from apil_core import Method, PluginError, evaluate, hookimpl, run
 
 
 class Curious(Method):
@@ -51,28 +48,6 @@ class Curious(Method):
 
     def load_state_dict(self, state):
         self.offset = state["offset"]
-
-
-def registry_with(method_class, name="curious", requires=("apl",), **hooks):
-    """The installed plugins plus one made here, registered by the same door."""
-    module = types.ModuleType(f"plugin_{name}")
-    module.Made = method_class
-    sys.modules[module.__name__] = module
-    spec = MethodSpec(name, f"{module.__name__}:Made", requires=requires)
-    module.register_methods = hookimpl(lambda: [spec])
-    for hook, function in hooks.items():
-        setattr(module, hook, hookimpl(function))
-    registry = discover()
-    record = PluginRecord(name, "", "test")
-    registry.add(record, module)
-    assert record.error is None, record.error
-    return registry
-
-
-def metrics_of(path):
-    import json
-
-    return [json.loads(line) for line in (path / "metrics.jsonl").read_text().splitlines()]
 
 
 def test_a_plugin_changes_the_reward_and_adds_an_observation_group(tmp_path):

@@ -9,9 +9,8 @@ from typing import NamedTuple
 import onnx
 import pytest
 import torch
-from helpers.small_runs import differences, small_config
+from helpers.small_runs import differences, final_state, small_config
 from torch import nn
-from training.test_resume import final_state
 
 from apil_core import VictimError, load_policy, resume, run
 from apil_core.policies.conformance import check_policy

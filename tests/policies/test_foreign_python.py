@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from helpers.small_runs import small_config
+from helpers.small_runs import differences, final_state, small_config
 
 from apil_core import VictimError, evaluate, load_policy, resume, run
 from policies.foreign_files import seat, view
@@ -141,9 +141,6 @@ def test_mistakes_are_one_line(agents: str, name: str, expected: str) -> None:
 
 
 def test_a_run_against_it_is_resumed_bit_for_bit(agents: str) -> None:
-    from helpers.small_runs import differences
-    from training.test_resume import final_state
-
     changes = {"victim": f"python:{agents}:Slow", "trust": True}
     run(small_config("apil", **changes), out=Path("whole"))
     run(small_config("apil", steps=1024, **changes), out=Path("parts"))

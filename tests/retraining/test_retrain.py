@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import torch
-from helpers.small_runs import differences, small_config
+from helpers.small_runs import differences, final_state, small_config
 
 from apil_core import ConfigError, RunDirError, VictimError, evaluate, load_policy, resume, run
 from apil_core.evaluation.progress import Progress
@@ -21,7 +21,6 @@ from apil_core.runs.retraining.retrain import resume as go_on
 from apil_core.runs.retraining.retrain import retrain
 from apil_core.runs.retraining.settings import settings
 from apil_core.runs.trackers.tracked import TrackedRun
-from apil_core.training.storage import checkpoint
 from apil_core.training.storage.recorders import read_metrics
 from apil_core.training.storage.run_dir import RunDir
 from retraining.victims import student
@@ -60,10 +59,6 @@ def rows_of(path: Path) -> list[dict[str, float]]:
     rows = read_metrics(RetrainDir(path).metrics_path)
     aside = ("memory_mb", "total_steps")
     return [{k: v for k, v in row.items() if "second" not in k and k not in aside} for row in rows]
-
-
-def final_state(path: Path) -> dict[str, Any]:
-    return checkpoint.read(RunDir(path).newest_checkpoint())
 
 
 @pytest.fixture(scope="module")

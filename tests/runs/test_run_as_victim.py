@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 import torch
-from helpers.small_runs import differences, small_config
-from training.test_resume import final_state
+from helpers.small_runs import differences, final_state, small_config
 
 from apil_core import (
     ConfigError,

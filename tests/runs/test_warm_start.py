@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
-from helpers.small_runs import differences, small_config
+from helpers.small_runs import differences, final_state, metrics_of, small_config
 
 from apil_core import ConfigError, RunConfig, VictimError, resume, run
 from apil_core.api.types import OWN_GROUP
@@ -16,8 +15,6 @@ from apil_core.evaluation.progress import Progress
 from apil_core.plugins.registry import default_plugins
 from apil_core.runs.warm_start import load_teacher, warm_start
 from apil_core.training.build import build
-from apil_core.training.storage import checkpoint
-from apil_core.training.storage.run_dir import RunDir
 from apil_core.training.trainer import Trainer
 
 ITERATION = 32 * 64
@@ -105,14 +102,14 @@ def test_it_is_told_beside_its_teacher_and_goes_on_exactly(teacher, tmp_path):
     assert line.startswith(f"warm start: after {2 * ITERATION:,} steps the clone wins ")
     assert " of 50 games, run:" in line
     assert whole.steps == 4 * ITERATION
-    rows = [json.loads(row) for row in RunDir(tmp_path / "whole").metrics_path.read_text().splitlines()]
+    rows = metrics_of(tmp_path / "whole")
     assert [(row["iteration"], row["steps"]) for row in rows] == [
         (1, 3 * ITERATION),
         (2, 4 * ITERATION),
     ]
     run(starting(f"run:{teacher}", steps=3 * ITERATION, **short), out=tmp_path / "parts")
     resume(tmp_path / "parts", steps=4 * ITERATION)
-    ends = [checkpoint.read(RunDir(tmp_path / name).newest_checkpoint()) for name in ("whole", "parts")]
+    ends = [final_state(tmp_path / name) for name in ("whole", "parts")]
     assert differences(*ends) == []
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from helpers.small_runs import small_config, three_iterations
+from helpers.small_runs import metrics_of, small_config, three_iterations
 
 from apil_core import ConfigError, RunDirError
 from apil_core.api.types import DiagonalGaussian
@@ -101,6 +100,6 @@ def _normals(old, actor, storage):  # type: ignore[no-untyped-def]
 
 def test_metrics_are_where_the_diagnostics_look(trained: RunDir) -> None:
     """Names in the log that another part of the framework writes."""
-    rows = [json.loads(line) for line in trained.metrics_path.read_text().splitlines()]
+    rows = metrics_of(trained.path)
     for name in ("ppo/kl", "return/victim", "apil/imitator_kl"):
         assert any(np.isfinite(r.get(name) or np.nan) for r in rows), name

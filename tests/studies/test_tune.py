@@ -10,6 +10,7 @@ import subprocess
 import sys
 
 import pytest
+from helpers.small_runs import metrics_of
 
 from apil_core import ApilError, Method, RunConfig, evaluate, hookimpl, load_run, run, tune
 from apil_core.plugins import defined
@@ -120,7 +121,9 @@ class TestStudy:
         for row in result.rows:
             trial = load_run(row["run"])
             assert trial.config.ppo.learning_rate == row["ppo.learning_rate"]
-            evaluations = [line["evaluation/win"] for line in rows_of(trial) if "evaluation/win" in line]
+            evaluations = [
+                line["evaluation/win"] for line in metrics_of(trial.path) if "evaluation/win" in line
+            ]
             assert (len(evaluations), evaluations[-1]) == (4, row["win_rate"])
         assert (result.path / "importances.png").read_bytes()[:4] == result.plot().data[:4] == b"\x89PNG"
         again = run(RunConfig.load(result.path / "best.yaml"), out=tmp_path / "again")
@@ -152,7 +155,7 @@ class TestStudy:
         whole = tune(SPACE, config, trials=4, out=tmp_path / "b")
         assert told(second) == told(whole)
         assert second.scores["best"].wins == whole.scores["best"].wins
-        steps = [line["steps"] for line in rows_of(load_run(second.rows[2]["run"]))]
+        steps = [line["steps"] for line in metrics_of(load_run(second.rows[2]["run"]).path)]
         assert steps == [128 * i for i in range(1, 9)]
         more = tune(SPACE, config, trials=5, out=tmp_path / "a")
         assert told(more)[:4] == told(whole)
@@ -193,7 +196,9 @@ class TestStudy:
         config = quick(steps=2048, **{"ppo.learning_rate": 1e-2, "ppo.epochs": 8})
         result = tune(space, config, trials=10, out=tmp_path / "study")
         runs = [load_run(row["run"]) for row in result.rows]
-        rates = [[line["evaluation/win"] for line in rows_of(r) if "evaluation/win" in line] for r in runs]
+        rates = [
+            [line["evaluation/win"] for line in metrics_of(r.path) if "evaluation/win" in line] for r in runs
+        ]
         pruned = [row["number"] for row in result.rows if row["state"] == "pruned"]
         assert pruned
         for number, own in enumerate(rates):
@@ -241,7 +246,3 @@ class TestProcesses:
 
 def in_a_process():
     tune(SPACE, quick(), trials=3, out=os.environ["STUDY"])
-
-
-def rows_of(loaded):
-    return [json.loads(line) for line in (loaded.path / "metrics.jsonl").read_text().splitlines()]

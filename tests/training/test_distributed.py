@@ -8,7 +8,7 @@ import signal
 import numpy as np
 import pytest
 import torch
-from helpers.small_runs import differences, leaves, small_config
+from helpers.small_runs import differences, leaves, metrics_of, small_config
 
 from apil_core import ConfigError, RunDirError, evaluate, resume
 from apil_core.config.resolve import dump_yaml
@@ -19,7 +19,7 @@ from apil_core.training.normalize import ObservationNormalizer, ReturnNormalizer
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.metrics_log import over_processes
 from apil_core.training.storage.run_dir import RunDir, part_of_rank
-from training.test_resume import lines, wait_for_checkpoint
+from training.test_resume import wait_for_checkpoint
 from training.together import torchrun, train
 
 ITERATIONS = 4
@@ -119,7 +119,7 @@ def test_statistics_are_those_of_all_games(trained, method):
 
 def test_metrics_and_evaluations_are_told_once_and_for_all(trained):
     folder, output = trained
-    rows = lines(folder / "adrl")
+    rows = metrics_of(folder / "adrl")
     assert [row["steps"] for row in rows] == [STEPS * (i + 1) for i in range(ITERATIONS)]
     stats = [state["env"]["stats"] for state in both(RunDir(folder / "adrl").newest_checkpoint())]
     assert rows[-1]["games_total"] == sum(part["games_total"] for part in stats)
@@ -137,7 +137,7 @@ def test_metrics_and_evaluations_are_told_once_and_for_all(trained):
 
 
 def test_steps_of_side_games_count_in_all_processes(trained):
-    rows = lines(trained[0] / "apil")
+    rows = metrics_of(trained[0] / "apil")
     assert [row["steps"] for row in rows] == [2 * STEPS, 4 * STEPS]
 
 
@@ -189,7 +189,7 @@ def test_stopped_and_resumed_equals_running_through(tmp_path):
     ):
         assert left["iteration"] == LONG
         assert differences(left, right) == []
-    assert [row["iteration"] for row in lines(stopped)] == list(range(1, LONG + 1))
+    assert [row["iteration"] for row in metrics_of(stopped)] == list(range(1, LONG + 1))
 
 
 FAILING = """

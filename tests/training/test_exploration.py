@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import pytest
 import torch
-from helpers.small_runs import differences, small_config
+from helpers.small_runs import differences, final_state, small_config
 
 from apil_core import PPOConfig, resume, run
 from apil_core.training.exploration import make_noise
-from training.test_resume import final_state
 
 GAMES, HORIZON = 4000, 64
 CPU = torch.device("cpu")

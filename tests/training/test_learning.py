@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
+from helpers.small_runs import metrics_of
 
 from apil_core import evaluate, run
 from apil_core.common.statistics import difference
@@ -37,7 +36,7 @@ def test_training_raises_the_win_rate(tmp_path, method):
     gain = difference(after.wins, EPISODES, before.wins, EPISODES)
     assert gain.low > 0.1, f"{before.win_rate} → {after.win_rate}"
     if method == "e_apil":
-        last = [json.loads(x) for x in (tmp_path / "after" / "metrics.jsonl").read_text().splitlines()][-5:]
+        last = metrics_of(tmp_path / "after")[-5:]
         for ours, constant, sign in (
             ("mse", "constant_mse", -1),
             ("log_likelihood", "constant_log_likelihood", 1),
@@ -54,7 +53,7 @@ def test_the_imitator_beats_the_best_constant(tmp_path, objective):
     options = {"apil": {"imitator": {"objective": objective}}}
     config = tiny_config("apil", steps=25 * 2048, ppo={"num_steps": 64}, options=options)
     run(config, out=tmp_path / "r")
-    last = [json.loads(x) for x in (tmp_path / "r" / "metrics.jsonl").read_text().splitlines()][-5:]
+    last = metrics_of(tmp_path / "r")[-5:]
     assert sum(m["apil/relative_error"] for m in last) / 5 < 0.9
     assert sum(m["apil/explained_share"] for m in last) / 5 > 0.3
 
@@ -64,6 +63,6 @@ def test_the_discriminator_does_not_saturate_at_the_default_epochs(tmp_path):
     """At a step size of 3e-4 it called everything the victim's for good, and the imitator ran away."""
     config = tiny_config("apil", steps=45 * 4096, num_envs=64, ppo={"num_steps": 64})
     run(config, out=tmp_path / "r")
-    last = [json.loads(x) for x in (tmp_path / "r" / "metrics.jsonl").read_text().splitlines()][-5:]
+    last = metrics_of(tmp_path / "r")[-5:]
     assert min(m["apil/discriminator_accuracy_imitator"] for m in last) > 0.2
     assert max(m["apil/mse"] / m["apil/constant_mse"] for m in last) < 1.2

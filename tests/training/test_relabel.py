@@ -9,12 +9,10 @@ from typing import Any
 
 import pytest
 import torch
-from helpers.small_runs import differences, small_config
+from helpers.small_runs import differences, final_state, small_config
 
 from apil_core import Method, MethodSpec, ReturnNormalizer, hookimpl, run
 from apil_core.plugins.discovery import PluginRecord, PluginRegistry, discover
-from apil_core.training.storage import checkpoint
-from apil_core.training.storage.run_dir import RunDir
 
 
 def registry_with(*chain: type[Method]) -> PluginRegistry:
@@ -32,10 +30,6 @@ def registry_with(*chain: type[Method]) -> PluginRegistry:
     return registry
 
 
-def final(out: Path) -> dict[str, Any]:
-    return checkpoint.read(RunDir(out).newest_checkpoint())
-
-
 def test_a_reward_relabelled_to_itself_changes_no_bit(tmp_path: Path) -> None:
     class Same(Method):
         @hookimpl
@@ -47,7 +41,7 @@ def test_a_reward_relabelled_to_itself_changes_no_bit(tmp_path: Path) -> None:
     run(small_config("adrl", steps=3 * 512), out=tmp_path / "plain")
     run(small_config("Same", steps=3 * 512), out=tmp_path / "same", plugins=registry_with(Same))
     for part in ("learner", "env", "builder", "torch_rng"):
-        assert not differences(final(tmp_path / "plain")[part], final(tmp_path / "same")[part])
+        assert not differences(final_state(tmp_path / "plain")[part], final_state(tmp_path / "same")[part])
 
 
 @pytest.mark.parametrize("normalize", [True, False])

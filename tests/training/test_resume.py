@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
-from helpers.small_runs import differences, small_config
+from helpers.small_runs import differences, final_state, metrics_of, small_config
 
 from apil_core import ApilError, ConfigError, RunDirError, resume, run
 from apil_core.common.files import locked
@@ -20,14 +20,6 @@ from apil_core.evaluation.progress import Progress
 from apil_core.studies.curves.curves import final_scores
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.run_dir import RunDir
-
-
-def final_state(path):
-    return checkpoint.read(RunDir(path).newest_checkpoint())
-
-
-def lines(path):
-    return [json.loads(line) for line in RunDir(path).metrics_path.read_text().splitlines()]
 
 
 @pytest.mark.parametrize(
@@ -56,7 +48,7 @@ def test_evaluations_during_training_change_nothing(tmp_path):
     assert len(with_them.pop("evaluations")) == 5
     assert without.pop("evaluations") == []
     assert differences(without, with_them) == []
-    assert sum("evaluation/win" in line for line in lines(tmp_path / "with")) == 5
+    assert sum("evaluation/win" in line for line in metrics_of(tmp_path / "with")) == 5
 
 
 def start(run_dir: Path, config) -> subprocess.Popen:
@@ -98,13 +90,13 @@ def test_sigkill_and_resume_gives_the_same_bits(tmp_path):
     config = small_config(plugins=(str(tmp_path / "kills.py"),), observers=("kills",))
     process = start(tmp_path / "killed", config)
     assert process.wait() == -signal.SIGKILL, process.communicate()[0]
-    assert [m["iteration"] for m in lines(tmp_path / "killed")] == [1, 2, 3]
+    assert [m["iteration"] for m in metrics_of(tmp_path / "killed")] == [1, 2, 3]
     assert RunDir(tmp_path / "killed").newest_checkpoint().stem == "iteration-00000002"
     assert RunDir(tmp_path / "killed").result() is None
     resume(tmp_path / "killed")
     run(config, out=tmp_path / "whole")
     assert differences(final_state(tmp_path / "whole"), final_state(tmp_path / "killed")) == []
-    assert [m["iteration"] for m in lines(tmp_path / "killed")] == list(range(1, 7))
+    assert [m["iteration"] for m in metrics_of(tmp_path / "killed")] == list(range(1, 7))
 
 
 @pytest.mark.slow  # by default in tests/cli/test_cli_run.py
@@ -117,7 +109,7 @@ def test_ctrl_c_checkpoints_and_says_how_to_go_on(tmp_path):
     assert process.returncode == 130, output
     assert f"apil resume {tmp_path / 'stopped'}" in output
     assert "Traceback" not in output
-    last = lines(tmp_path / "stopped")[-1]
+    last = metrics_of(tmp_path / "stopped")[-1]
     assert final_state(tmp_path / "stopped")["iteration"] == last["iteration"]
     assert RunDir(tmp_path / "stopped").result()["status"] == "interrupted"
 
@@ -393,5 +385,5 @@ def test_linear_learning_rate_counts_side_games(tmp_path):
     ppo = {"num_steps": 16, "epochs": 1, "minibatches": 2, "learning_rate": 1.0e-4, "lr_schedule": "linear"}
     config = small_config("apil", ppo=ppo, options={"apil": {"rollouts": "own"}}, steps=4 * 1024)
     run(config, out=tmp_path / "r")
-    rates = [m["ppo/learning_rate"] for m in lines(tmp_path / "r")]
+    rates = [m["ppo/learning_rate"] for m in metrics_of(tmp_path / "r")]
     assert rates == pytest.approx([1.0e-4, 0.75e-4, 0.5e-4, 0.25e-4])

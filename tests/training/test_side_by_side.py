@@ -7,13 +7,12 @@ import time
 
 import pytest
 import torch
-from helpers.small_runs import differences, small_config
-from plugins.test_plugin_in_run import metrics_of, registry_with
+from helpers.made_plugins import registry_with
+from helpers.small_runs import differences, final_state, metrics_of, small_config
 
 from apil_core import Method, PluginError, hookimpl, run
 from apil_core.common.torch_threads import side_by_side
 from apil_core.training import trainer as trainer_module
-from training.test_resume import final_state
 
 
 class Later(Method):

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-import types
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
-from helpers.small_runs import differences, small_config
+from helpers.made_plugins import registry_with
+from helpers.small_runs import differences, final_state, small_config
 
 from apil_core import (
     Method,
@@ -24,23 +23,10 @@ from apil_core import (
     save_policy,
 )
 from apil_core.cli import main
-from apil_core.plugins.discovery import PluginRecord, PluginRegistry, discover
 from apil_core.studies.report.cells import cell, seed_score
-from apil_core.training.storage import checkpoint
 from apil_core.training.storage.run_dir import RunDir
 
-
-def registry_with(made: type[Method], white_box: bool = True) -> PluginRegistry:
-    module = types.ModuleType("plugin_white_box")
-    sys.modules[module.__name__] = module
-    module.Made = made  # type: ignore[attr-defined]
-    spec = MethodSpec("inside", f"{module.__name__}:Made", white_box=white_box)
-    module.register_methods = hookimpl(lambda: [spec])  # type: ignore[attr-defined]
-    registry = discover()
-    record = PluginRecord("white_box", "", "test")
-    registry.add(record, module)
-    assert record.error is None
-    return registry
+INSIDE = {"name": "inside", "requires": (), "white_box": True}
 
 
 @pytest.fixture
@@ -89,9 +75,9 @@ def test_the_victim_is_replayed_bit_for_bit_and_gradients_stop_where_games_start
     assert any(first[1:].any() for first, _ in Inside.seen)
     # rollouts of 16 steps and games of 10: a rollout starts in the middle of games, also after a resume
     middle = RunDir(tmp_path / "r").checkpoints()[0]
-    whole = checkpoint.read(RunDir(tmp_path / "r").newest_checkpoint())
+    whole = final_state(tmp_path / "r")
     resume(tmp_path / "r", checkpoint_path=middle, methods=methods)
-    again = checkpoint.read(RunDir(tmp_path / "r").newest_checkpoint())
+    again = final_state(tmp_path / "r")
     for part in ("learner", "env", "methods"):
         assert not differences(whole[part], again[part])
 
@@ -99,7 +85,7 @@ def test_the_victim_is_replayed_bit_for_bit_and_gradients_stop_where_games_start
 def test_scores_results_and_listings_say_white_box(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    registry = registry_with(Inside)
+    registry = registry_with(Inside, **INSIDE)
     config = small_config("inside", steps=512, evaluation={"episodes": 2})
     made = run(config, out=tmp_path / "runs" / "r", plugins=registry)
     assert made.white_box
@@ -117,13 +103,17 @@ def test_scores_results_and_listings_say_white_box(
 
 def test_without_the_statement_it_is_one_error(tmp_path: Path) -> None:
     with pytest.raises(PluginError, match="method 'inside' may not see inside the victim; if it should"):
-        run(small_config("inside", steps=512), out=tmp_path / "r", plugins=registry_with(Inside, False))
+        run(
+            small_config("inside", steps=512), out=tmp_path / "r", plugins=registry_with(Inside, "inside", ())
+        )
 
 
 @pytest.mark.parametrize("victim", ["random", "zero"])
 def test_a_victim_without_gradients_is_one_error(tmp_path: Path, victim: str) -> None:
     with pytest.raises(VictimError, match=r"and baseline:.* has no gradients; zoo:"):
-        run(small_config("inside", victim=victim), out=tmp_path / "r", plugins=registry_with(Inside))
+        run(
+            small_config("inside", victim=victim), out=tmp_path / "r", plugins=registry_with(Inside, **INSIDE)
+        )
     assert not (tmp_path / "r").exists()
 
 
@@ -134,7 +124,7 @@ def test_rollouts_of_other_games_are_refused(tmp_path: Path) -> None:
             run.victim.replay(run.collect(_Still(), 2))
 
     with pytest.raises(PluginError, match="this rollout is not one of the training games"):
-        run(small_config("inside"), out=tmp_path / "r", plugins=registry_with(Elsewhere))
+        run(small_config("inside"), out=tmp_path / "r", plugins=registry_with(Elsewhere, **INSIDE))
 
 
 class _Still:
