@@ -23,7 +23,7 @@ from speed.replay import Replay
 from speed.report import LEVELS, Setting, SpeedReport, Spread, of_setting
 from speed.training import TimedTraining
 
-TOY = SpeedRequest(env=("toy-pursuit",), num_envs=(4, 8), batch=64, seconds=0.01, preset=("efficient",))
+TOY = SpeedRequest(env=("toy-pursuit",), num_envs=(4, 8), batch=64, seconds=0.01)
 SETTING = Setting(env="e", physics="fast", victim="v", num_envs=4, threads=2, num_steps=5)
 
 

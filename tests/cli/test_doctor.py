@@ -179,21 +179,21 @@ def test_missing_weights_are_counted_with_the_commands_that_get_them(
     assert not (tmp_path / "cache").exists()
 
 
-def test_damaged_weights_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_does_not_load_is_named_and_stops_nobody(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("APIL_CACHE", str(tmp_path))
     file = cache.cached_file(catalogue.entries()["kick-and-defend/kicker/v1"])
     file.parent.mkdir(parents=True)
     file.write_bytes(b"not weights")
-    findings = {finding.check: finding for finding in offers.victims(Scope(discover()))}
+    scope = Scope(discover((COIN, WILD)), (COIN, WILD))
+    findings = {finding.check: finding for finding in offers.victims(scope)}
     damaged = findings["victim: zoo:kick-and-defend/kicker/v1"]
     assert damaged.status == "warning"
     assert f"{file} is damaged" in damaged.detail
     assert findings["victims: kick-and-defend"].status == "error"  # that is whom a run would attack
     assert findings["victims: sumo-ants"].status != "error"
-
-
-def test_victims_of_others_that_do_not_load_stop_nobody() -> None:
-    findings = {finding.check: finding for finding in offers.victims(only("coin", COIN, WILD))}
+    # of others
     assert findings["victim: wild:angry/side/v1"].detail == "wild:angry/side/v1 is torn"
     assert findings["victim: wild:gone/side/v1"].detail == "ZeroDivisionError: gone/side/v1"
     assert findings["victims: wild-angry"].status == "warning"

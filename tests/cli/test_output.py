@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from report.page_sample import report_data
+from report.page_sample import WITHOUT_FIGURES, report_data
 
 from apil_core.cli.output import console, print_json, styled, table
 from apil_core.cli.progress import PlainProgress
@@ -51,7 +51,7 @@ def test_a_report_has_no_formula_html_or_control_code(tmp_path: Path) -> None:
     dots = [data.aggregates[0].model_copy(update={"column": NAME[-4:]})]
     nasty = f"<img src=x>{NAME}"
     tables = [data.tables[0].model_copy(update={"title": nasty})]
-    found = data.model_copy(update={"title": nasty, "tables": tables, "curves": [], "aggregates": dots})
+    found = data.model_copy(update={**WITHOUT_FIGURES, "title": nasty, "tables": tables, "aggregates": dots})
     written = [path.read_text("utf-8") for path in write_tables(found, tmp_path)]
     html = render(found)
     html.encode()

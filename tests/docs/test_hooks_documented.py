@@ -35,6 +35,7 @@ def filled() -> set[str]:
     functions = [
         node
         for source in [*sources, *shown]
+        if "hookimpl" in source
         for node in ast.walk(ast.parse(textwrap.dedent(source)))
         if isinstance(node, ast.FunctionDef)
     ]

@@ -21,6 +21,10 @@ from apil_core.studies.report.cells import method_difference
 from apil_core.studies.report.statistics import compared, published_rate, share, verdict
 from report.sample import result
 
+WITHOUT_FIGURES = {
+    name: [] for name in ("curves", "aggregates", "profiles", "improvements", "retraining", "activations")
+}
+
 NASTY = "<b>my</b> & \"co\" </script><script>document.title='owned'</script>"
 """A plugin's name as it must never be read: as markup."""
 
