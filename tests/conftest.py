@@ -45,6 +45,16 @@ def _nothing_defined() -> Iterator[None]:
     defined.clear()
 
 
+@pytest.fixture
+def forgotten(tmp_path: Path) -> Iterator[None]:
+    """Modules that a test imports from its folder are not known to the next one."""
+    before = set(sys.modules)
+    yield
+    for name in set(sys.modules) - before:
+        if str(getattr(sys.modules[name], "__file__", None)).startswith(str(tmp_path)):
+            del sys.modules[name]
+
+
 @pytest.fixture(scope="session")
 def found() -> PluginRegistry:
     """All that is installed."""

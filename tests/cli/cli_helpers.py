@@ -6,6 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import pytest
+
+from apil_core.cli import main
+
 VERBS = (
     *("run", "resume", "eval", "play", "fidelity", "runs"),
     *(
@@ -43,6 +47,15 @@ class Outcome:
     code: int
     out: str
     err: str
+
+
+def called(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> Outcome:
+    """Call ``apil ARGUMENTS`` in this process."""
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as caught:
+        main([str(argument) for argument in arguments])
+    captured = capsys.readouterr()
+    return Outcome(int(caught.value.code or 0), captured.out, captured.err)
 
 
 Apil = Callable[..., Outcome]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from apil_core.cli import main
-from cli.cli_helpers import SMALL, TINY, Apil, Outcome
+from cli.cli_helpers import SMALL, TINY, Apil, called
 
 
 @pytest.fixture
@@ -18,14 +18,7 @@ def apil(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.delenv("APIL_DEBUG", raising=False)
 
-    def call(*arguments: str | Path) -> Outcome:
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as caught:
-            main([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return Outcome(int(caught.value.code or 0), captured.out, captured.err)
-
-    return call
+    return partial(called, capsys)
 
 
 @pytest.fixture

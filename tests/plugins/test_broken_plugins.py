@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import re
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from cli.cli_helpers import called
 from docs.pages import ROOT, sections
 
-from apil_core.cli import main
 from plugins.broken_plugins import SECTIONS, Case
 
 PAGE = ROOT / "docs" / "broken-plugins.md"
@@ -42,26 +41,19 @@ def shown() -> dict[str, dict[str, str]]:
 
 @pytest.fixture
 def printed(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Callable[..., tuple[int, list[str]]]]:
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, forgotten: None
+) -> Callable[..., tuple[int, list[str]]]:
     """Call ``apil ARGUMENTS`` in an empty directory; exit code and lines of both streams."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.delenv("APIL_STRICT_PLUGINS", raising=False)
-    before = set(sys.modules)
 
     def call(*arguments: str) -> tuple[int, list[str]]:
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as caught:
-            main(list(arguments))
-        captured = capsys.readouterr()
-        text = (captured.out + captured.err).replace(str(tmp_path), "/home/you")
-        return int(caught.value.code or 0), [line.rstrip() for line in text.splitlines()]
+        done = called(capsys, *arguments)
+        text = (done.out + done.err).replace(str(tmp_path), "/home/you")
+        return done.code, [line.rstrip() for line in text.splitlines()]
 
-    yield call
-    for name in set(sys.modules) - before:
-        if str(getattr(sys.modules[name], "__file__", None)).startswith(str(tmp_path)):
-            del sys.modules[name]
+    return call
 
 
 def install(folder: Path, name: str) -> None:

@@ -8,9 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from cli.cli_helpers import Outcome
+from cli.cli_helpers import Outcome, called
 
-from apil_core.cli import main
 from apil_core.policies import zoo as store
 from apil_core.policies import zoo_catalogue as catalogue
 from policies.zoo_server import Fault, ZooServer
@@ -35,12 +34,9 @@ def download(capsys: pytest.CaptureFixture[str], scratch: Path) -> Download:
     """Call ``apil victims download ARGUMENTS`` in this process; nothing temporary may stay."""
 
     def call(*arguments: str) -> Outcome:
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as caught:
-            main(["victims", "download", *arguments])
-        captured = capsys.readouterr()
+        done = called(capsys, "victims", "download", *arguments)
         assert list(scratch.iterdir()) == []
-        return Outcome(int(caught.value.code or 0), captured.out, captured.err)
+        return done
 
     return call
 
