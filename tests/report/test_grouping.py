@@ -5,13 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from pydantic import create_model
 from studies.paper_runs import VICTIM, row
 
+from apil_core import Method, MethodSpec, RunConfig, define
 from apil_core.config.resolve import complete
 from apil_core.plugins.registry import default_plugins
 from apil_core.studies.bench.folder import write_score
 from apil_core.studies.report.models import ReportData
 from apil_core.studies.report.report_data import gather
+from apil_core.studies.report.settings import default_config
 from apil_core.testing import tiny_config
 from apil_core.training.storage.run_dir import RunDir
 from report.sample import KICK, VICTIMS, result, write_run
@@ -186,3 +189,11 @@ def test_warnings_about_cells_of_two_settings_say_which(tmp_path: Path) -> None:
     found = _gather(_run(tmp_path / "a", 55), _run(tmp_path / "b", 55, {"trained_steps": 1000}))
     texts = [warning.text for warning in found.warnings if "not distinguishable" in warning.text]
     assert sorted(text.partition(":")[0] for text in texts) == ["1 k steps", "2 k steps"]
+
+
+def test_a_method_defined_again_has_its_new_defaults() -> None:
+    for gain in (1.0, 2.0):
+        options = create_model("Options", gain=(float, gain))
+        define(MethodSpec("again", type("Again", (Method,), {}), config=options))
+        default = default_config(RunConfig(method="again", env="toy-pursuit"))
+        assert default is not None and default.options["again"]["gain"] == gain

@@ -14,6 +14,7 @@ from apil_core.config.game import game_model, profile_keys
 from apil_core.config.layers import flag_layer
 from apil_core.config.resolve import differences, flatten, resolve_layers
 from apil_core.evaluation.results import EvaluationResult, in_words, observers_played
+from apil_core.plugins.defined import defined
 from apil_core.plugins.discovery import PluginRegistry, discover
 from apil_core.studies.report.sources import Run
 
@@ -148,19 +149,27 @@ def value_at(config: RunConfig, key: str) -> Any:
 
 def default_config(config: RunConfig) -> RunConfig | None:
     """Default configuration of a run of that method in that game; ``None`` if one is not installed."""
-    return _default(config.method, config.env, tuple(config.plugins))
+    return _default(config.method, config.env, tuple(config.plugins), _known())
 
 
 @cache
-def _default(method: str, env: str, plugins: tuple[str, ...]) -> RunConfig | None:
+def _default(method: str, env: str, plugins: tuple[str, ...], _: tuple[int, ...]) -> RunConfig | None:
     try:
         return resolve_layers([flag_layer({"method": method, "env": env})], _plugins(plugins))
     except ApilError:
         return None
 
 
-@cache
+def _known() -> tuple[int, ...]:
+    return tuple(map(id, defined.values()))  # not used again: the registries in the cache keep the objects
+
+
 def _plugins(files: tuple[str, ...]) -> PluginRegistry:
+    return _discovered(files, _known())
+
+
+@cache
+def _discovered(files: tuple[str, ...], _: tuple[int, ...]) -> PluginRegistry:
     return discover(files)
 
 
