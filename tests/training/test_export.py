@@ -235,6 +235,24 @@ def test_a_damaged_file_is_told(runs: Path, tmp_path: Path, cut: int) -> None:
         load_policy(result.name)
 
 
+def test_a_changed_weight_is_noticed(exported: Exports, tmp_path: Path) -> None:
+    content = bytearray(exported("adrl", "safetensors").file.read_bytes())
+    content[-3] ^= 0x40
+    (bad := tmp_path / "bad").write_bytes(content)
+    with pytest.raises(
+        VictimError, match=r"a damaged one \(ValueError: its tensors have SHA-256 \w{64}, not \w{64}\)$"
+    ):
+        load_policy(f"safetensors:{bad}")
+
+
+def test_a_file_without_a_hash_loads(exported: Exports, tmp_path: Path) -> None:
+    with safe_open(exported("adrl", "safetensors").file, framework="pt") as file:
+        metadata, tensors = file.metadata(), {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
+    del metadata["tensors_sha256"]
+    save_file(tensors, old := tmp_path / "old", metadata)
+    assert load_policy(f"safetensors:{old}").info.provenance["method"] == "adrl"
+
+
 def test_no_run_no_directory(runs: Path, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="nowhere is no run directory"):
         export("nowhere", "onnx")

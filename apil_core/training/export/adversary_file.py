@@ -6,6 +6,7 @@ observers must be among them.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, replace
@@ -54,6 +55,7 @@ def to_bytes(
     )
     metadata = {
         "format": FORMAT,
+        "tensors_sha256": _tensors_sha256(tensors),
         "state": json.dumps(tree),
         "config": _shareable(config).model_dump_json(),
         "layout": json.dumps(_plain_layout(layout)),
@@ -102,6 +104,9 @@ def load_file(
         with safe_open(origin.path, framework="pt") as file:
             metadata: dict[str, str] = file.metadata() or {}
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118  (no mapping)
+        actual = _tensors_sha256(tensors)
+        if metadata.get("tensors_sha256", actual) != actual:  # files from before 2026-12 have none
+            raise ValueError(f"its tensors have SHA-256 {actual}, not {metadata['tensors_sha256']}")
         state = _put_back(json.loads(metadata["state"]), tensors)
         config = read_stored(json.loads(metadata["config"]), plugins, RunConfig)
         layout, side = _layout(json.loads(metadata["layout"])), ("0", "1").index(metadata["side"])
@@ -132,6 +137,14 @@ def load_file(
     if policy.hooks.implements("filter_observation"):
         raise ConfigError(f"{origin.name} filters what both sides see; it can only play from its run")
     return policy
+
+
+def _tensors_sha256(tensors: Mapping[str, Tensor]) -> str:
+    digest = hashlib.sha256()
+    for name, tensor in sorted(tensors.items()):
+        digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)} ".encode())
+        digest.update(tensor.reshape(-1).view(torch.uint8).numpy())
+    return digest.hexdigest()
 
 
 def _take_out(value: Any, place: str, tensors: dict[str, Tensor]) -> Any:
