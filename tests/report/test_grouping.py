@@ -196,4 +196,5 @@ def test_a_method_defined_again_has_its_new_defaults() -> None:
         options = create_model("Options", gain=(float, gain))
         define(MethodSpec("again", type("Again", (Method,), {}), config=options))
         default = default_config(RunConfig(method="again", env="toy-pursuit"))
-        assert default is not None and default.options["again"]["gain"] == gain
+        assert default is not None
+        assert default.options["again"]["gain"] == gain
