@@ -3,7 +3,8 @@
 PYTHON ?= python3
 VENV ?= .venv
 ZOO ?=
-STEPS ?= 1500k
+STEPS ?= 600k
+START ?= embedded:kick-and-defend/adversary/v1
 BIN := $(VENV)/bin
 SOURCES := apil_core envs plugins examples tests benchmarks docs
 # Example plugins as anybody else's: packages of their own, installed beside the core.
@@ -19,11 +20,11 @@ $(VENV)/.ready: pyproject.toml constraints.txt $(EXAMPLES:%=%/pyproject.toml)
 	@touch $@
 
 # Main job: E-APIL against the kicker, its score beside the game's own keeper's, its learning curve and a film of a game
-# it wins. The kicker is the student shipped with the package, or the zoo's own agent once it was imported, which
-# ZOO=DIR does first.
+# it wins. It starts as a clone of the shipped adversary; `START= STEPS=1500k` trains from scratch. The kicker is the
+# student shipped with the package, or the zoo's own agent once it was imported, which ZOO=DIR does first.
 run: $(VENV)/.ready
 	$(if $(ZOO),$(BIN)/apil victims import "$(ZOO)")
-	$(BIN)/apil run --method e_apil --env kick-and-defend --preset efficient --physics fast --steps $(STEPS) --show $(FLAGS)
+	$(BIN)/apil run --method e_apil --env kick-and-defend --preset efficient --physics fast --steps $(STEPS) $(if $(START),--init-from $(START)) --show $(FLAGS)
 
 test: $(VENV)/.ready
 	$(BIN)/python -m pytest -n 2 --dist worksteal $(FLAGS)
