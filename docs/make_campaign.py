@@ -262,14 +262,14 @@ def draw(found: list[Cell]) -> None:
 
 def main(arguments: list[str]) -> None:
     verb, rest = (arguments[0], arguments[1:]) if arguments else ("", [])
-    if verb not in ("", "home", "score", "ship") or (verb in ("home", "ship")) != bool(rest) != (
-        verb == "score"
-    ):
-        raise SystemExit(__doc__)
+    with_runs = {"home": home, "ship": ship}
     if verb == "score":
         play_missing(rest)
-    for name in rest if verb in ("home", "ship") else ():
-        {"home": home, "ship": ship}[verb](Path(name))
+    elif verb in with_runs and rest:
+        for name in rest:
+            with_runs[verb](Path(name))
+    elif arguments:
+        raise SystemExit(__doc__)
     found = cells()
     write_page(found)
     draw(found)
