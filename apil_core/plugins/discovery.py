@@ -38,6 +38,8 @@ from apil_core.plugins.defined import ORIGIN, defined
 from apil_core.plugins.validation import register, unmarked
 
 ENTRY_POINT_GROUP = "apil"
+_SOURCE = "__apil_source__"
+"""Attribute of a one-file plugin's module: the bytes it was imported from."""
 
 _OFFERS = {
     "methods": ("register_methods", MethodSpec, "name"),
@@ -323,23 +325,32 @@ def _add_file(registry: PluginRegistry, path: Path) -> PluginRecord:
 
 
 def import_file(path: Path) -> Any:
-    """Import a one-file plugin under its stem, so that its specs can name ``"<stem>:Class"``."""
+    """Import a one-file plugin under its stem, so that its specs can name ``"<stem>:Class"``.
+
+    A file that was edited since is imported anew; objects made before keep the code they were made with.
+    """
     if not path.is_file():
         raise PluginError("no such file")
-    name = path.stem
+    name, source = path.stem, path.read_bytes()
     loaded = sys.modules.get(name)
     if loaded is not None:
-        if Path(getattr(loaded, "__file__", "") or "").resolve() == path.resolve():
+        if Path(getattr(loaded, "__file__", "") or "").resolve() != path.resolve():
+            raise PluginError(f"its name {name!r} is taken by an imported module; rename the file")
+        if getattr(loaded, _SOURCE, source) == source:
             return loaded
-        raise PluginError(f"its name {name!r} is taken by an imported module; rename the file")
     spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
+    if spec is None or spec.origin is None:
         raise PluginError("not a Python file (its name must end in .py)")
     module = importlib.util.module_from_spec(spec)
+    setattr(module, _SOURCE, source)
     sys.modules[name] = module
     try:
-        spec.loader.exec_module(module)
+        # not the loader's exec_module: its bytecode cache misses an edit within a second
+        exec(compile(source, spec.origin, "exec"), module.__dict__)
     except BaseException:
-        del sys.modules[name]
+        if loaded is None:
+            del sys.modules[name]
+        else:
+            sys.modules[name] = loaded
         raise
     return module

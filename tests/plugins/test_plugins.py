@@ -7,7 +7,7 @@ import types
 import pytest
 
 from apil_core.api.hooks import hookimpl
-from apil_core.api.specs import MethodSpec
+from apil_core.api.specs import MethodSpec, load
 from apil_core.common.errors import PluginError, UnknownNameError
 from apil_core.plugins.discovery import PluginRecord, PluginRegistry, discover
 from apil_core.plugins.hook_manager import RunHookManager
@@ -107,6 +107,26 @@ def test_one_file_plugin(tmp_path):
     )
     registry = discover([file])
     assert registry.methods["mine"].factory == "my_attack:Mine"
+
+
+def test_an_edited_one_file_plugin_is_imported_anew(tmp_path):
+    """Twice within a second and of equal length, as in a notebook; Python's bytecode cache misses that."""
+    file = tmp_path / "edited_between_runs.py"
+    text = "class Weight:\n    value = 1\n"
+    file.write_text(text)
+    discover([file])
+    first = load("edited_between_runs:Weight")
+    discover([file])
+    assert load("edited_between_runs:Weight") is first
+
+    file.write_text(text.replace("1", "2"))
+    discover([file])
+    assert (first.value, load("edited_between_runs:Weight").value) == (1, 2)
+
+    file.write_text("value = ")
+    with pytest.raises(PluginError, match="invalid syntax"):
+        discover([file])
+    assert load("edited_between_runs:Weight").value == 2
 
 
 @pytest.mark.parametrize(
