@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 import torch
 from helpers.small_runs import small_config
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from scipy.stats import multivariate_normal, t
 
 from apil_core import ApilError, ConfigError, Decision, Policy, PolicyInfo, VictimError, View, evaluate
+from apil_core.common.charts import NORMAL
 from apil_core.evaluation.pairing import load_pairing
 from apil_core.evaluation.progress import Progress
 from apil_core.runs.runner import run
@@ -22,7 +25,7 @@ from apil_core.studies.activations.embedding import embed, usable_perplexity
 from apil_core.studies.activations.intervals import gap, mean_interval
 from apil_core.studies.activations.models import ActivationMap
 from apil_core.studies.activations.options import Sampling
-from apil_core.studies.activations.picture import draw_activations
+from apil_core.studies.activations.picture import draw_activations, draw_map
 from apil_core.studies.activations.recording import RecordingPolicy, even_sample, game_means, record
 
 SMALL = Sampling(games=6, steps=20, points=24, perplexity=5, components=2)
@@ -235,6 +238,18 @@ def test_a_picture_names_every_opponent(found: ActivationMap, tmp_path: Path) ->
     assert all(word in text for word in ("baseline", "adrl", "toy-pursuit"))
     assert "#d55e00" in text  # the second of two methods, in this picture as in any other
     assert "#0072b2" not in text
+
+
+def test_every_point_is_on_the_picture(found: ActivationMap) -> None:
+    points = [(float(x), float(y)) for x in range(20) for y in range(20)]
+    figure = Figure(figsize=(5, 5))
+    axis = figure.subplots()
+    draw_map(axis, found.model_copy(update={"opponents": ["baseline"], "points": [points]}), [NORMAL])
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    image = np.asarray(canvas.buffer_rgba())[::-1, :, 0]  # rows from the bottom, as matplotlib's y
+    columns, rows = axis.transData.transform(points).astype(int).T
+    assert (image[rows, columns] < 200).all()
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from pathlib import Path as FilePath
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
@@ -44,10 +45,12 @@ def _figure(found: ActivationMap, drawn: Sequence[Pen]) -> Figure:
     height = max(_SIZE[1], _ROW * len(found.opponents) + 1.8)
     layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08)
     figure = Figure(figsize=(_SIZE[0], height), layout=layout)
+    named = zip(found.opponents, drawn, strict=True)
     left, right = figure.subplots(1, 2, width_ratios=[1.25, 1])
     draw_map(left, found, drawn)
     left.set_title(f"t-SNE of {found.units} units, by opponent")
-    left.legend(loc="upper center", bbox_to_anchor=(0.5, 0), ncols=3, handletextpad=0.2)
+    keys = [Line2D([], [], color=pen.colour, marker="o", linestyle="", label=label) for label, pen in named]
+    left.legend(handles=keys, loc="upper center", bbox_to_anchor=(0.5, 0), ncols=3, handletextpad=0.2)
     draw_likelihood(right, found, drawn)
     right.set_title("log-likelihood under normal play, nats")
     physics = f", {found.physics} physics" if found.physics else ""
@@ -63,12 +66,12 @@ def draw_map(axis: Axes, found: ActivationMap, drawn: Sequence[Pen]) -> None:
     All points of one are one path of short strokes with round ends: as marks they make an SVG far larger.
     """
     span = max(max(map(abs, point)) for points in found.points for point in points)
-    for label, points, pen in zip(found.opponents, found.points, drawn, strict=True):
+    for points, pen in zip(found.points, drawn, strict=True):
         ends = [end for x, y in points for end in ((x, y), (x + 1e-3 * span, y))]
         dots = Path(ends, [Path.MOVETO, Path.LINETO] * len(points))
-        axis.add_patch(
-            PathPatch(dots, fill=False, lw=3, ec=pen.colour, alpha=0.6, capstyle="round", label=label)
-        )
+        patch = PathPatch(dots, fill=False, lw=3, ec=pen.colour, alpha=0.6, capstyle="round")
+        patch.set_snap(False)  # snapped to a pixel, two of three strokes have no length and vanish
+        axis.add_patch(patch)
     axis.set_xticks([])
     axis.set_yticks([])
     axis.set_aspect("equal", "datalim")
@@ -80,7 +83,9 @@ def draw_likelihood(axis: Axes, found: ActivationMap, drawn: Sequence[Pen]) -> N
     """Draw mean log-likelihoods with their intervals, one row per opponent."""
     for row, (each, pen) in enumerate(zip(found.log_likelihood, drawn, strict=True)):
         whisker(axis, row, (each.mean, each.low, each.high), pen, level=True, markersize=7, capsize=3)
-        text = axis.annotate(f"{each.mean:.1f}", (each.mean, row), (0, 9), textcoords="offset points")
+        text = axis.annotate(
+            f"{each.mean:.1f}".replace("-", "−"), (each.mean, row), (0, 9), textcoords="offset points"
+        )
         text.set(horizontalalignment="center", fontsize=8.5)
     axis.axvline(found.log_likelihood[0].mean, color=GREY, linewidth=1, linestyle=":", zorder=1)
     axis.set_yticks(range(len(found.opponents)), found.opponents)
