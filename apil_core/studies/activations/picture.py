@@ -45,11 +45,13 @@ def _figure(found: ActivationMap, drawn: Sequence[Pen]) -> Figure:
     height = max(_SIZE[1], _ROW * len(found.opponents) + 1.8)
     layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08)
     figure = Figure(figsize=(_SIZE[0], height), layout=layout)
-    named = zip(found.opponents, drawn, strict=True)
     left, right = figure.subplots(1, 2, width_ratios=[1.25, 1])
     draw_map(left, found, drawn)
     left.set_title(f"t-SNE of {found.units} units, by opponent")
-    keys = [Line2D([], [], color=pen.colour, marker="o", linestyle="", label=label) for label, pen in named]
+    keys = [
+        Line2D([], [], color=pen.colour, marker="o", linestyle="", label=label)
+        for label, pen in zip(found.opponents, drawn, strict=True)
+    ]
     left.legend(handles=keys, loc="upper center", bbox_to_anchor=(0.5, 0), ncols=3, handletextpad=0.2)
     draw_likelihood(right, found, drawn)
     right.set_title("log-likelihood under normal play, nats")
