@@ -39,12 +39,11 @@ _HOW = Group("How", sort_key=1)
         "env": "Game [default: the runs'].",
         "victim": "Policy to harden [default: the one the runs attacked].",
         "game.physics": "[default: the first run's]",
-        "num_envs": "[default: the first run's]",
         "evaluation.episodes": "Games of each score, before and after [default: 1000].",
     },
 )
 class RetrainFlags(Flags):
-    """Flags for the settings of a retraining; omitted ones are those of the first run, or defaults."""
+    """Flags for the settings of a retraining."""
 
     sets: Annotated[
         list[str],

@@ -5,7 +5,8 @@ from __future__ import annotations
 import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from types import UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -125,19 +126,29 @@ def _suggest_key(model: type[BaseModel], loc: Key) -> str:
 
 def model_at(model: type[BaseModel], loc: Key) -> type[BaseModel] | None:
     """The model of the section at ``loc``, or ``None`` where there is none."""
+    annotation: Any = model
     for part in loc:
-        info = model.model_fields.get(str(part))
-        annotation = info.annotation if info else None
-        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
-            return None
-        model = annotation
-    return model
+        if (section := _section(annotation)) is not None:
+            info = section.model_fields.get(str(part))
+            annotation = info.annotation if info else None
+        else:  # sections by name, such as a matrix's scores
+            annotation = get_args(annotation)[1] if get_origin(annotation) is dict else None
+    return _section(annotation)
+
+
+def _section(annotation: Any) -> type[BaseModel] | None:
+    """The model that an annotation ``Model`` or ``Model | None`` names."""
+    union = get_origin(annotation) in (Union, UnionType)
+    for part in get_args(annotation) if union else (annotation,):
+        if isinstance(part, type) and issubclass(part, BaseModel):
+            return part
+    return None
 
 
 def _dotted_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
     keys = []
     for name, info in model.model_fields.items():
         keys.append(prefix + name)
-        if isinstance(info.annotation, type) and issubclass(info.annotation, BaseModel):
-            keys += _dotted_keys(info.annotation, f"{prefix}{name}.")
+        if (section := _section(info.annotation)) is not None:
+            keys += _dotted_keys(section, f"{prefix}{name}.")
     return keys

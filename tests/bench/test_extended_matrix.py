@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from apil_core.api.config import PPOConfig
 from apil_core.cli.bench_run import _same_as_stored
 from apil_core.common.errors import ConfigError
 from apil_core.common.numbers import whole_number
@@ -125,6 +126,8 @@ def test_a_retraining_with_other_settings_is_refused(tmp_path: Path) -> None:
     check_same_retraining(tmp_path, RetrainingStage(steps=5))
     with pytest.raises(ConfigError, match="begun with adversary_share 0.5, the matrix says 0.8"):
         check_same_retraining(tmp_path, RetrainingStage(adversary_share=0.8))
+    with pytest.raises(ConfigError, match=r"begun with ppo\.epochs 4, the matrix says 10"):
+        check_same_retraining(tmp_path, RetrainingStage(ppo=PPOConfig(epochs=10)))
 
 
 def test_paths_start_at_the_matrix(tmp_path: Path) -> None:

@@ -177,6 +177,8 @@ def test_mistakes_in_cells_are_one_line(changes, told):
         ({"scores": {"blinded": {}}}, "scores needs 'plain'"),
         ({"scores": {"plain": {"games": ["chess"]}}}, "scores.plain.games: 'chess' is not among"),
         ({"retraining": {"methods": ["apl"]}}, "retraining.methods: 'apl' is not among"),
+        ({"retraining": {"num_envs": 1, "ppo": {"num_steps": 7}}}, "must hold at least two samples"),
+        ({"retraining": {"ppo": {"critic_observes": "both"}}}, "no setting of a retraining"),
         ({"victims": {"chess": ["auto"]}}, "victims: 'chess' is not among"),
         ({"steps": "0"}, "steps must be positive"),
         ({"axes": {"game.max_steps": [9, 20]}, "crossplay": {}}, "crossplay needs one game for all"),
@@ -194,6 +196,15 @@ def test_a_file_is_told_with_its_line(tmp_path: Path):
     path.write_text("methods: [adrl]\ngames: [toy-pursuit]\nscorez: {}\n")
     with pytest.raises(ConfigError, match=r"mine\.yaml:3: scorez: unknown key \(did you mean 'scores'\?\)"):
         load_matrix(str(path))
+    path.write_text(
+        "methods: [adrl]\ngames: [toy-pursuit]\nretraining: {step: 5}\nscores: {plain: {episode: 5}}\n"
+    )
+    with pytest.raises(ConfigError) as error:
+        load_matrix(str(path))
+    assert str(error.value).splitlines() == [
+        f"{path}:3: retraining.step: unknown key (did you mean 'steps'?)",
+        f"{path}:4: scores.plain.episode: unknown key (did you mean 'episodes'?)",
+    ]
     with pytest.raises(ConfigError, match="smok: no such file, and no matrix that ships with apil"):
         load_matrix("smok")
 

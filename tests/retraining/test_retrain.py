@@ -13,7 +13,8 @@ import pytest
 import torch
 from helpers.small_runs import differences, final_state, small_config
 
-from apil_core import ConfigError, RunDirError, VictimError, evaluate, load_policy, resume, run
+from apil_core import ConfigError, RunConfig, RunDirError, VictimError, evaluate, load_policy, resume, run
+from apil_core.api.config import PPOConfig
 from apil_core.evaluation.progress import Progress
 from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.runs.retraining.folder import RetrainDir
@@ -28,6 +29,7 @@ from retraining.victims import student
 SMALL: dict[str, Any] = {
     **{"steps": 4 * 512, "baseline": "random", "threads": 1},
     **{"critic_warmup": 1, "evaluation.episodes": 0, "recorders": ["jsonl"]},
+    **{"num_envs": 32, "ppo.num_steps": 16, "ppo.minibatches": 2},
 }
 
 BOTH = ("noise", "adrl")
@@ -69,9 +71,14 @@ def whole(attacks: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) ->
     return path
 
 
-def test_what_was_settled_comes_from_the_run(attacks: dict[str, Path]) -> None:
-    made = config(attacks, "noise", "adrl")
-    assert (made.env, made.victim_side, made.num_envs, made.ppo.num_steps) == ("toy-pursuit", 0, 32, 16)
+def test_the_game_comes_from_the_run_the_learner_does_not(attacks: dict[str, Path]) -> None:
+    made = settings([attacks["noise"], attacks["adrl"]], {"baseline": "random"})
+    attack = RunDir(attacks["noise"]).config()
+    assert (made.env, made.victim_side, made.game) == ("toy-pursuit", 0, attack.game)
+    assert (attack.num_envs, attack.ppo.num_steps) == (32, 16)
+    paper = RunConfig.load(presets=["paper"])
+    assert (made.num_envs, made.ppo) == (128, PPOConfig())
+    assert (made.num_envs, made.ppo) == (paper.num_envs, paper.ppo)
     assert made.victim.startswith("safetensors:/")
     assert made.labels == ("apil", "adrl", "baseline")
     assert all(name.startswith("run:/") and name.endswith(".pt") for name in made.adversaries)

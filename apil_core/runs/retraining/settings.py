@@ -1,4 +1,4 @@
-"""Settings of a retraining: those of the runs, overridden by flags, then by ``--set`` texts."""
+"""Settings of a retraining: defaults, the runs' game and victim, flags, then ``--set`` texts."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ def settings(
 ) -> RetrainConfig:
     """Return the complete settings of a retraining.
 
-    Game, its physics, victim, PPO and number of games are the first run's unless given.
+    Game, its physics and the victim are the first run's unless given. PPO and the number of games are not:
+    settings with which an adversary learns from nothing can undo what a victim knows (docs/retraining.md).
 
     Args:
         adversaries: run directories, ``run:DIR`` or checkpoints of runs, or (besides one of these, or
@@ -96,23 +97,15 @@ def _from_runs(
                 f"{first} attacked {victims[first]}, and {name} {victims[name]}: "
                 "say with --victim which one to harden"
             )
-    found: dict[str, Any] = {key: getattr(config, key) for key in ("env", "num_envs")}
-    if not victim_given:  # the attacked one, not another with its name
-        found["victim_sha256"] = config.victim_sha256
-    # a minibatch of a recurrent victim is some of the games; its network and its noise are its own
-    own = {
-        "minibatches": min(config.ppo.minibatches, config.num_envs),
-        "critic_observes": "own",
-        "noise": "white",
-    }
-    ppo = config.ppo.model_copy(update=own)
-    return {
-        **found,
+    found = {
+        "env": config.env,
         "victim": victims[first],
         "victim_side": victim_side(config, plugins),
         "game": config.game,
-        "ppo": ppo.model_dump(mode="json"),
     }
+    if not victim_given:  # the attacked one, not another with its name
+        found["victim_sha256"] = config.victim_sha256
+    return found
 
 
 def _labels(sources: Mapping[str, RunCheckpoint | None], runs: Mapping[str, RunConfig]) -> list[str]:

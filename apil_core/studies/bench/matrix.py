@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from apil_core.api.config import ActionMode, BlindMode, Section
+from apil_core.api.config import ActionMode, BlindMode, PPOConfig, Section, check_batch
 from apil_core.api.profiles import Profile
 from apil_core.common.numbers import number_list, whole_number
 from apil_core.config.layers import named_text, shipped_names, texts_in
@@ -88,6 +88,17 @@ class RetrainingStage(Section):
     """Draw the opponent for each game, or for each step."""
     freeze: Literal["none", "value"] = "none"
     """Train the whole victim, or leave its value function as it is."""
+    num_envs: Annotated[int, Field(gt=0, le=2**20)] = 128
+    """Games stepped together; not the cells'."""
+    ppo: PPOConfig = PPOConfig()
+    """Learner of the victim; not the cells' (docs/retraining.md)."""
+
+    @model_validator(mode="after")
+    def _trains(self) -> RetrainingStage:
+        check_batch(self.num_envs, self.ppo)
+        if self.ppo.critic_observes != "own":
+            raise ValueError("ppo.critic_observes is no setting of a retraining")
+        return self
 
 
 class CrossPlayStage(Section):

@@ -37,6 +37,8 @@ def harden(status: JobStatus, cell: Cell, threads: int, progress: Progress) -> b
         "adversary_share": stage.adversary_share,
         "mix": stage.mix,
         "freeze": stage.freeze,
+        "num_envs": stage.num_envs,
+        "ppo": stage.ppo.model_dump(mode="json"),
         "baseline": status.benchmark.baselines[cell.game],
         "seed": cell.seed,
         "threads": threads,

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from apil_core.common.errors import ApilError, ConfigError
+from apil_core.config.resolve import flatten
 from apil_core.studies.bench.matrix import RetrainingStage
 
 if TYPE_CHECKING:
@@ -100,10 +101,11 @@ def check_same_retraining(directory: Path, stage: RetrainingStage | None) -> Non
         stored = RetrainDir(directory).config()
     except ApilError:  # its job reports the error
         return
-    for key in ("adversary_share", "mix", "freeze"):
-        before, now = getattr(stored, key), getattr(stage, key)
-        if before != now:
+    asked = set(RetrainingStage.model_fields) - {"steps", "games", "methods"}
+    before, now = (flatten(each.model_dump(mode="json", include=asked)) for each in (stored, stage))
+    for key in now:
+        if before[key] != now[key]:
             raise ConfigError(
-                f"{directory} was begun with {key} {before!r}, the matrix says {now!r}; "
+                f"{directory} was begun with {key} {before[key]!r}, the matrix says {now[key]!r}; "
                 "give the changed matrix another --out"
             )
