@@ -22,6 +22,18 @@ from report.sample import KICK, VICTIMS, result, write_run
 TOY = "toy-pursuit"
 ROWS = [row(1000, 100, 50), row(2000, 100, 60)]
 
+EDITED = """
+from pydantic import BaseModel
+from apil_core import Method, MethodSpec, hookimpl
+class Options(BaseModel):
+    gain: float = {gain}
+class Edited(Method):
+    pass
+@hookimpl
+def register_methods():
+    return [MethodSpec("edited", "edited_for_a_report:Edited", config="edited_for_a_report:Options")]
+"""
+
 
 def _run(path: Path, wins: int, score: dict[str, Any] | None = None, **changes: Any) -> RunDir:
     run = RunDir(path)
@@ -198,3 +210,12 @@ def test_a_method_defined_again_has_its_new_defaults() -> None:
         default = default_config(RunConfig(method="again", env="toy-pursuit"))
         assert default is not None
         assert default.options["again"]["gain"] == gain
+
+
+def test_an_edited_one_file_plugin_has_its_new_defaults(tmp_path: Path) -> None:
+    file = tmp_path / "edited_for_a_report.py"
+    for gain in (1.0, 22.0):
+        file.write_text(EDITED.format(gain=gain))
+        default = default_config(RunConfig(method="edited", env="toy-pursuit", plugins=(str(file),)))
+        assert default is not None
+        assert default.options["edited"]["gain"] == gain

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from apil_core.api.config import RunConfig
@@ -149,27 +150,29 @@ def value_at(config: RunConfig, key: str) -> Any:
 
 def default_config(config: RunConfig) -> RunConfig | None:
     """Default configuration of a run of that method in that game; ``None`` if one is not installed."""
-    return _default(config.method, config.env, tuple(config.plugins), _known())
+    return _default(config.method, config.env, config.plugins, _code_of(config.plugins))
 
 
 @cache
-def _default(method: str, env: str, plugins: tuple[str, ...], _: tuple[int, ...]) -> RunConfig | None:
+def _default(method: str, env: str, plugins: tuple[str, ...], _: tuple[Hashable, ...]) -> RunConfig | None:
     try:
         return resolve_layers([flag_layer({"method": method, "env": env})], _plugins(plugins))
     except ApilError:
         return None
 
 
-def _known() -> tuple[int, ...]:
-    return tuple(map(id, defined.values()))  # not used again: the registries in the cache keep the objects
+def _code_of(files: tuple[str, ...]) -> tuple[Hashable, ...]:
+    """What plugins may change by within a process: the text of their files, and what is defined in it."""
+    texts = (Path(file).read_bytes() if Path(file).is_file() else None for file in files)
+    return *texts, *map(id, defined.values())  # no id returns: the registries in the cache keep the objects
 
 
 def _plugins(files: tuple[str, ...]) -> PluginRegistry:
-    return _discovered(files, _known())
+    return _discovered(files, _code_of(files))
 
 
 @cache
-def _discovered(files: tuple[str, ...], _: tuple[int, ...]) -> PluginRegistry:
+def _discovered(files: tuple[str, ...], _: tuple[Hashable, ...]) -> PluginRegistry:
     return discover(files)
 
 
