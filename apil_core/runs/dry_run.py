@@ -82,11 +82,13 @@ def dry_run(config: RunConfig, plugins: PluginRegistry, place: Path = Path()) ->
     config = complete(config, plugins)
     trainer, _ = prepared(shortened(config), plugins, ALONE)
     with closing(trainer):
-        metrics = _second_iteration(trainer)
+        metrics, steps = _second_iteration(trainer)
         rate, attack, scoring = metrics["steps_per_second"], trainer.attack, config.evaluation
-        evaluations = config.steps // scoring.every_steps if scoring.every_steps else 0
+        # games of other rollouts count as steps, too, in proportion
+        steps_each = steps * config.ppo.num_steps / trainer.config.ppo.num_steps
+        iterations = ceil(config.steps / steps_each)
+        evaluations = min(config.steps // scoring.every_steps, iterations) if scoring.every_steps else 0
         games = scoring.episodes + evaluations * scoring.periodic_episodes
-        iterations = ceil(config.steps / (config.num_envs * config.ppo.num_steps))
         sides, learner = attack.game.layout.sides, trainer.attack.learner.state_dict()
         torch.save(trainer.state_dict(), kept := io.BytesIO())
         checkpoints = config.checkpoint.keep + 1 + bool(evaluations)
@@ -117,19 +119,21 @@ def steps_per_second(config: RunConfig, plugins: PluginRegistry) -> float:
     """Measure the training speed of such a run at the machine's present load."""
     trainer = Trainer(build(shortened(config), plugins), plugins)
     with closing(trainer), one_torch_thread():
-        return _second_iteration(trainer)["steps_per_second"]
+        return _second_iteration(trainer)[0]["steps_per_second"]
 
 
 def shortened(config: RunConfig) -> RunConfig:
-    """Return the same configuration with rollouts of a few steps."""
-    ppo = config.ppo.model_copy(update={"num_steps": min(_STEPS, config.ppo.num_steps)})
+    """Return the same configuration with rollouts of a few steps, or of two samples for each minibatch."""
+    steps = max(_STEPS, ceil(2 * config.ppo.minibatches / config.num_envs))
+    ppo = config.ppo.model_copy(update={"num_steps": min(steps, config.ppo.num_steps)})
     return config.model_copy(update={"ppo": ppo})
 
 
-def _second_iteration(trainer: Trainer) -> dict[str, float]:
-    """Return the metrics of the second iteration; the first one warms up."""
+def _second_iteration(trainer: Trainer) -> tuple[dict[str, float], int]:
+    """Return the metrics and steps of the second iteration; the first one warms up."""
     trainer.iterate()
-    return trainer.iterate()
+    before = trainer.steps
+    return trainer.iterate(), trainer.steps - before
 
 
 def _seconds_per_game(trainer: Trainer) -> float:

@@ -134,7 +134,7 @@ def resume(
     stored = completed(stored, registry)
     with joined(stored.device) as world, _held(directory, world):
         path = world.share(directory.checkpoint(checkpoint_path))
-        if path == directory.best_path and world.size > 1:
+        if path.resolve() == directory.best_path.resolve() and world.size > 1:
             raise RunDirError(
                 f"{path} has the first process's part only: it can be scored, but not be gone on from"
             )
@@ -184,13 +184,14 @@ def _read(path: Path, stored: RunConfig, registry: PluginRegistry, world: World)
 def go_back(directory: RunDir, path: Path, state: dict[str, Any]) -> None:
     """Set aside what the run wrote after the checkpoint at ``path``, from which it takes another course."""
     truncate_metrics(directory.metrics_path, iterations_in_rows(state))
+    own = directory.checkpoint_path(state["iteration"])
+    if path.resolve() != own.resolve():  # the best, or a copy: a stop before the next one must be resumable
+        checkpoint.save(own, state)
     directory.abandon_after(state["iteration"])
     _abandon_best_after(directory.best_path, state["steps"])
     best = EvaluationHistory(state.get("evaluations", ())).best
     if best and best["steps"] == state["steps"]:  # it may have been killed before it wrote this
         checkpoint.save(directory.best_path, state)
-    if path == directory.best_path:  # else a stop before the next checkpoint could not be resumed
-        checkpoint.save(directory.checkpoint_path(state["iteration"]), state)
     directory.retire_result(int(state["steps"]))
 
 

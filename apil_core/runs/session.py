@@ -193,7 +193,12 @@ class Session:
         before = trainer.steps
         metrics = trainer.iterate()
         if self.world.is_main:
-            self._report_or_save(before, metrics)
+            best = self.history.best
+            every = self.config.evaluation.every_steps
+            if every and before // every < trainer.steps // every:
+                # where this fails, a resumed run repeats the iteration and has its score
+                metrics.update(self._evaluate_on_the_way())
+            self._report_or_save(before, metrics, is_best=self.history.best is not best)
         if self.world.size > 1:  # the others wait here while the first one evaluates
             metrics = self.world.share(metrics)
         if not self.world.is_main:
@@ -201,10 +206,10 @@ class Session:
         if trainer.iteration % self.config.checkpoint.every_iterations == 0:
             self.save()
 
-    def _report_or_save(self, before: int, metrics: dict[str, float]) -> None:
+    def _report_or_save(self, before: int, metrics: dict[str, float], *, is_best: bool) -> None:
         """Call :meth:`_report`; if it fails, save the finished iteration first."""
         try:
-            self._report(before, metrics)
+            self._report(before, metrics, is_best=is_best)
         except failures() as error:
             if self.world.size == 1:  # else saving would wait for processes that wait here
                 with suppress(ApilError):
@@ -227,21 +232,17 @@ class Session:
             f"{before.path} was {what} during training; from iteration {self.trainer.iteration}: {where}"
         )
 
-    def _report(self, before: int, metrics: dict[str, float]) -> None:
-        """Evaluate if it is due, and report the iteration to recorders, progress and hooks."""
+    def _report(self, before: int, metrics: dict[str, float], *, is_best: bool) -> None:
+        """Report the iteration to recorders, progress and hooks, and keep the best so far."""
         trainer = self.trainer
         metrics["memory_mb"] = resident_mb()
-        every = self.config.evaluation.every_steps
-        best = self.history.best
-        if every and before // every < trainer.steps // every:
-            metrics.update(self._evaluate_on_the_way())
         self.log.record(metrics, trainer.steps - before)
         self.progress.iteration(metrics)
         if not self._said:
             self._say_how_long(metrics)
             self._said = True
         trainer.hook.iteration_finished(run=trainer, metrics=metrics)
-        if self.history.best is not best:
+        if is_best:
             self._follow()
             if self.world.size == 1:
                 self.save()  # a kill before the next checkpoint would cost this best and the last one
@@ -284,8 +285,7 @@ class Session:
         trainer, wanted = self.trainer, self.config.evaluation
         # the final score must not use the games by which the best was selected
         seed = stream_seed(self.config.seed, "evaluation during training")
-        result = score_in_training(trainer, wanted.periodic_episodes, self.progress, seed=seed)
-        self.progress.evaluation(result, trainer.steps)
+        result = self._score(wanted.periodic_episodes, self.progress, seed=seed)
         self.history.add(result, trainer.steps)
         if reason := self.history.why_stop(wanted.stop_when):
             trainer.stop(reason)
@@ -326,8 +326,8 @@ class Session:
                 {"status": "failed", "steps": self.trainer.steps, "error": str(error)},
             )
 
-    def _evaluate(self, episodes: int, **options: Any) -> EvaluationResult:
-        result = score_in_training(self.trainer, episodes, self._stop_request.progress, **options)
+    def _score(self, episodes: int, progress: Progress, **options: Any) -> EvaluationResult:
+        result = score_in_training(self.trainer, episodes, progress, **options)
         self.progress.evaluation(result, self.trainer.steps)
         return result
 
@@ -336,7 +336,8 @@ class Session:
         if not episodes:
             return None
         path = self.run_dir.checkpoint_path(self.trainer.iteration)
-        return self._evaluate(episodes, name=f"run:{self.run_dir.path}", sha256=sha256(path))
+        name = f"run:{self.run_dir.path}"
+        return self._score(episodes, self._stop_request.progress, name=name, sha256=sha256(path))
 
     def _result(self, status: Status, evaluation: EvaluationResult | None) -> RunResult:
         result = RunResult(

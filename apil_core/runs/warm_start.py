@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from math import ceil
 from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor, nn
 
+from apil_core.api.config import RunConfig
 from apil_core.api.policy import Policy
 from apil_core.api.types import OWN_GROUP
 from apil_core.common.errors import ConfigError
@@ -49,15 +51,23 @@ def load_teacher(trainer: Trainer, name: str) -> Policy:
         raise ConfigError(
             f"init_from: one process clones {name}: begin without torchrun, then go on from the run it makes"
         )
-    if config.init_steps >= config.steps:
+    batch = config.num_envs * config.ppo.num_steps
+    if (needed := _rollouts(config)[1] * batch) >= config.steps:
         raise ConfigError(
-            f"init_from: cloning {name} takes init_steps ({config.init_steps:,}) of the run's steps "
-            f"({config.steps:,}), which leaves none; set init_steps or steps"
+            f"init_from: cloning {name} takes {needed:,} of the run's steps ({config.steps:,}; init_steps "
+            f"{config.init_steps:,} in rollouts of {batch:,}), which leaves none; set init_steps or steps"
         )
     load_options = LoadOptions(config.trust, stream_seed(config.seed, "warm start"), second=True)
     teacher = load_victim(name, trainer.attack.game, side, config.device, trainer.plugins, load_options)
     spread_of(teacher, seats[side], seats[1 - side], trainer.device)
     return teacher
+
+
+def _rollouts(config: RunConfig) -> tuple[int, int]:
+    """Rollouts in which the policy is cloned, and in all: at least one is left to fit the critic."""
+    share = config.init_steps / (config.num_envs * config.ppo.num_steps)
+    whole = max(ceil(share), 2)
+    return min(ceil(CLONING_SHARE * share), whole - 1), whole
 
 
 def warm_start(trainer: Trainer, teacher: Policy) -> None:
@@ -67,12 +77,13 @@ def warm_start(trainer: Trainer, teacher: Policy) -> None:
         trainer: of a run that has not started.
         teacher: from :func:`load_teacher`.
     """
-    steps, begin = trainer.config.init_steps, time.perf_counter()
+    begin = time.perf_counter()
     cloning = _Cloning(trainer, teacher)
-    while trainer.steps < CLONING_SHARE * steps:
+    for _ in range(_rollouts(trainer.config)[0]):
         cloning.round()
     cloning.finish()
-    while trainer.steps < steps:
+    trainer.iterate(actor_fixed=True)
+    while trainer.steps < trainer.config.init_steps:
         trainer.iterate(actor_fixed=True)
     trainer.iteration, trainer.wall_seconds = 0, time.perf_counter() - begin
 

@@ -203,19 +203,6 @@ def method_setup(
     )
 
 
-def evaluation_context(layout: GameLayout, side: int, seed: int, device: torch.device) -> Context:
-    """Context of a trained adversary's observations in an evaluation."""
-    generator = stream_generator(seed, HOOK_STREAM, device)
-    return Context(
-        side=side,
-        role="adversary",
-        seat=layout.sides[side],
-        mode="eval",
-        device=device,
-        generator=generator,
-    )
-
-
 def adversary_policy(
     state: Mapping[str, Any],
     info: PolicyInfo,
@@ -244,5 +231,12 @@ def adversary_policy(
     seat = layout.sides[side]
     actor = Actor(sizes, seat.action_size, config.ppo, seat.action_limit).to(device)
     actor.model.load_state_dict(state["learner"]["ppo"]["actor_state_dict"])
-    context = evaluation_context(layout, side, seed, device)
+    context = Context(
+        side=side,
+        role="adversary",
+        seat=seat,
+        mode="eval",
+        device=device,
+        generator=stream_generator(seed, HOOK_STREAM, device),
+    )
     return AdversaryPolicy(info, builder, actor, context, hooks)

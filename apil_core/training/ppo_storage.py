@@ -138,8 +138,9 @@ class PPOStorage(RolloutStorage):
 
         Ends early if :attr:`goes_on` returns False.
         """
-        size = self.num_envs * self.num_transitions_per_env // num_mini_batches
-        order = torch.randperm(num_mini_batches * size, device=self.device)
+        rows = self.num_envs * self.num_transitions_per_env
+        size = rows // num_mini_batches
+        order = torch.randperm(rows, device=self.device)[: num_mini_batches * size]
         shuffled = {name: column.flatten(0, 1)[order] for name, column in self._columns().items()}
         for _ in self._passes(num_epochs):
             for start in range(0, len(order), size):

@@ -19,7 +19,7 @@ from apil_core.api.types import OWN_GROUP, DiagonalGaussian
 from apil_core.policies.network import LstmState, PolicyNetwork
 from apil_core.training.ppo import Actor, Learner
 from apil_core.training.ppo_storage import LATENT
-from apil_core.training.rollout_buffer import RolloutBuffer
+from apil_core.training.rollout_buffer import RolloutBuffer, trainable
 
 
 class NetworkModel(nn.Module):
@@ -142,7 +142,7 @@ class NetworkLearner(Learner):
 
     def _mean(self, latent: Tensor) -> Tensor:
         if self.storage.step == 0:
-            self.storage.states = tuple((_trainable(h), _trainable(c)) for h, c in self._states)
+            self.storage.states = tuple((trainable(h), trainable(c)) for h, c in self._states)
         mean, _, self._states[0] = self.policy.network.step(latent, self._states[0])
         return mean
 
@@ -202,9 +202,3 @@ def latent(observations: TensorDict) -> Tensor:
     keys = observations.keys()
     group: Tensor = observations[LATENT if LATENT in keys else OWN_GROUP]
     return group
-
-
-def _trainable(rows: Tensor) -> Tensor:
-    """A copy that autograd accepts: collection runs in inference mode, whose tensors it refuses."""
-    with torch.inference_mode(False):
-        return torch.empty(rows.shape, device=rows.device).copy_(rows)

@@ -84,10 +84,10 @@ class RolloutBuffer:
         data.setdefault("victim_std", None)  # type: ignore[arg-type]
         return Rollout(
             **data,
-            next_observation=_trainable(next_observation),
-            next_victim_observation=_trainable(next_victim_observation),
+            next_observation=trainable(next_observation),
+            next_victim_observation=trainable(next_victim_observation),
             groups={name: values[:length] for name, values in self._groups.items()},
-            next_groups={name: _trainable(v) for name, v in next_groups.items() if name != OWN_GROUP},
+            next_groups={name: trainable(v) for name, v in next_groups.items() if name != OWN_GROUP},
         )
 
     def _column(self, store: dict[str, Tensor], name: str, row: Tensor) -> Tensor:
@@ -98,7 +98,7 @@ class RolloutBuffer:
         return store[name]
 
 
-def _trainable(value: Tensor) -> Tensor:
+def trainable(value: Tensor) -> Tensor:
     """A copy that autograd accepts: collection runs in inference mode, whose tensors it refuses."""
     with torch.inference_mode(False):
         return torch.empty(value.shape, dtype=value.dtype, device=value.device).copy_(value)

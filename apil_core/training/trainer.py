@@ -97,7 +97,7 @@ class Trainer:
             steps=self.steps,
             total_steps=self.total_steps,
             wall_seconds=self.wall_seconds,
-            steps_per_second=(rollout.steps * self.world.size / (end - begin)),
+            steps_per_second=(self.steps - self._begun_at) / (end - begin),
             collect_seconds=collected - begin,
             update_seconds=end - collected,
         )
@@ -195,7 +195,10 @@ class Trainer:
         streams = hooks.merged(answers, "finish_rollout")
         if MAIN_STREAM in streams:
             raise hooks.plugin_error("finish_rollout", f"the name {MAIN_STREAM!r} is taken; choose another")
-        if critics and streams.keys() != critics.keys():
+        if not self.iteration:  # they may be those of the run it was initialised from
+            for name in critics.keys() - streams.keys():
+                del critics[name]
+        elif critics and streams.keys() != critics.keys():
             text = f"streams changed from {sorted(critics)} to {sorted(streams)}"
             raise hooks.plugin_error("finish_rollout", text)
         shape = tuple(rollout.done.shape)

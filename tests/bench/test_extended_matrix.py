@@ -11,6 +11,7 @@ from apil_core.api.config import PPOConfig
 from apil_core.cli.bench_run import _same_as_stored
 from apil_core.common.errors import ConfigError
 from apil_core.common.numbers import whole_number
+from apil_core.evaluation.crossplay.crossplay import crossplay
 from apil_core.evaluation.crossplay.document import CrossPlay
 from apil_core.studies.bench.cells import resolve_matrix
 from apil_core.studies.bench.folder import BenchDir, read_score
@@ -18,7 +19,7 @@ from apil_core.studies.bench.jobs import JobStatus, make_jobs
 from apil_core.studies.bench.matrix import Matrix, RetrainingStage, load_matrix
 from apil_core.studies.bench.players import with_full_names
 from apil_core.studies.bench.schedule import run_jobs
-from apil_core.studies.bench.still_valid import check_same_retraining
+from apil_core.studies.bench.still_valid import check_same_retraining, still_valid
 from tests.bench.small_matrix import Here, small_matrix
 
 GAME = "toy-pursuit"
@@ -139,3 +140,20 @@ def test_paths_start_at_the_matrix(tmp_path: Path) -> None:
 def test_no_whole_number(text: str) -> None:
     with pytest.raises(ValueError, match="not a whole number"):
         whole_number(text)
+
+
+def test_of_two_labels_of_one_policy_each_stays(tmp_path: Path) -> None:
+    adversaries, victims = {"baseline": "zero", "mine": "zero"}, {"original": "random"}
+    played = crossplay(adversaries, victims, env=GAME, episodes=4, out=tmp_path / "c.json")
+    names = [{p.label: p.name for p in players} for players in (played.adversaries, played.victims)]
+    assert still_valid(played, *names, {}, (4, None)) == played
+
+
+def test_a_begun_cell_takes_the_matrixs_present_evaluations(tmp_path: Path) -> None:
+    config = small_matrix().config
+    run(tmp_path, crossplay=None)
+    often = {**config, "evaluation": {"episodes": 0, "every_steps": 512, "periodic_episodes": 4}}
+    run(tmp_path, crossplay=None, steps=1024, config=often)
+    (found,) = BenchDir(tmp_path).cells()
+    assert found.run.config().evaluation.every_steps == 512
+    assert found.run.last_metrics()["evaluation/episodes"] == 4

@@ -155,6 +155,10 @@ def test_a_dry_run_builds_everything_and_says_what_it_costs(apil: Apil, tmp_path
     assert told["iterations"] == 79  # 10 000 / (8 · 16), rounded up
     assert (told["evaluations"], told["games"]) == (10, 20 + 10 * 7)
     assert told["training_hours"] == pytest.approx(10_000 / told["steps_per_second"] / 3600)
+    few = json.loads(apil(*words, "--set", "ppo.minibatches=256", "--set", "ppo.num_steps=64", "--json").out)
+    assert (few["iterations"], few["evaluations"]) == (20, 10)  # of 8 · 64 steps, measured with 8 · 64
+    often = json.loads(apil(*words, "--set", "evaluation.every_steps=1", "--json").out)
+    assert (often["iterations"], often["evaluations"]) == (79, 79)
     # actor and critic 2-64-64-1 each, a log standard deviation
     assert told["parameters"] == 2 * ((2 + 1) * 64 + 65 * 64 + 65) + 1
     assert 0 < told["disk_mb"] < told["disk_free_mb"]

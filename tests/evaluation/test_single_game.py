@@ -9,7 +9,7 @@ import pytest
 import torch
 from helpers.small_runs import small_config
 
-from apil_core import ApilError, ConfigError, run
+from apil_core import ApilError, ConfigError, Decision, Policy, PolicyInfo, View, run
 from apil_core.common.seeds import stream_seed
 from apil_core.evaluation.options import RenderOptions
 from apil_core.evaluation.pairing import Pairing, load_pairing
@@ -26,8 +26,8 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
-def pairing(adversary: Path | str = "random", **options: object) -> Pairing:
-    env = None if Path(adversary).is_dir() else "toy-pursuit"
+def pairing(adversary: Path | Policy | str = "random", **options: object) -> Pairing:
+    env = None if isinstance(adversary, Path) else "toy-pursuit"
     return load_pairing(adversary, num_envs=1, env=env, **options)  # type: ignore[arg-type]
 
 
@@ -101,3 +101,24 @@ def test_a_policy_that_does_not_repeat_itself_is_noticed(tmp_path: Path) -> None
     with pytest.raises(ApilError, match="went another way when played again"):
         show(ours, options)
     assert not list(tmp_path.iterdir())
+
+
+class OwnDraws(Policy):
+    """Moves at random, from a generator of its own."""
+
+    def __init__(self) -> None:
+        self.info = PolicyInfo("own draws", "", 7, 2)
+        self.generator = torch.Generator()
+
+    def seed(self, seed: int) -> None:
+        self.generator.manual_seed(seed)
+
+    def act(self, view: View, **_: object) -> Decision:
+        return Decision(torch.randn(len(view.own), 2, generator=self.generator))
+
+
+def test_a_policys_own_draws_are_repeated() -> None:
+    single = SingleGames(pairing(OwnDraws()), seed=0)
+    first, second = single.play(1), single.play(2)
+    assert (single.play(1), single.play(2)) == (first, second)
+    assert first != second

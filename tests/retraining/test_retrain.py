@@ -16,6 +16,8 @@ from helpers.small_runs import differences, final_state, small_config
 from apil_core import ConfigError, RunConfig, RunDirError, VictimError, evaluate, load_policy, resume, run
 from apil_core.api.config import PPOConfig
 from apil_core.evaluation.progress import Progress
+from apil_core.plugins.registry import default_plugins
+from apil_core.runs.retraining.build import prepare
 from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.runs.retraining.folder import RetrainDir
 from apil_core.runs.retraining.retrain import resume as go_on
@@ -28,7 +30,7 @@ from retraining.victims import student
 
 SMALL: dict[str, Any] = {
     **{"steps": 4 * 512, "baseline": "random", "threads": 1},
-    **{"critic_warmup": 1, "evaluation.episodes": 0, "recorders": ["jsonl"]},
+    **{"critic_warmup": 0, "evaluation.episodes": 0, "recorders": ["jsonl"]},
     **{"num_envs": 32, "ppo.num_steps": 16, "ppo.minibatches": 2},
 }
 
@@ -255,3 +257,20 @@ def test_without_a_baseline_the_adversaries_may_play_alone(attacks: dict[str, Pa
     result = retrain(alone, out=tmp_path / "r")
     assert list(result.after) == ["adrl"]
     assert result.shares == {"adrl": 1.0}
+
+
+def test_rollouts_without_an_outcome_are_no_warm_up(attacks: dict[str, Path]) -> None:
+    brief = config(attacks, num_envs=4, ppo__num_steps=1, ppo__minibatches=2, critic_warmup=2)
+    trainer = prepare(brief, default_plugins())
+    actor = [p.clone() for p in trainer.learner.policy.parameters()]
+    learnt, empty = 0, 0
+    while learnt < 2:
+        if "ppo/value" in trainer.iterate():
+            learnt += 1
+        else:
+            empty += 1
+    assert empty > 2
+    assert trainer.state_dict()["warmup"] == 2 + empty
+    assert all(map(torch.equal, actor, trainer.learner.policy.parameters()))
+    trainer.iterate()
+    assert not all(map(torch.equal, actor, trainer.learner.policy.parameters()))

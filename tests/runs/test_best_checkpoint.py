@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from helpers.small_runs import small_config
+from helpers.small_runs import metrics_of, small_config
 from pydantic import ValidationError
 
 from apil_core import RunConfig, RunDirError, evaluate, resume, run
@@ -113,18 +114,21 @@ def test_going_back_behind_the_best_forgets_it(tmp_path):
     assert directory.best_path.is_file()
 
 
-def test_going_on_from_the_best_leaves_a_checkpoint_at_once(tmp_path, monkeypatch):
+@pytest.mark.parametrize("where", ["best", "r/checkpoints/../checkpoints/best.pt", "copy.pt"])
+def test_going_on_from_the_best_leaves_a_checkpoint_at_once(tmp_path, monkeypatch, where):
     config = scored()
     run(config, out=tmp_path / "r")
     directory = RunDir(tmp_path / "r")
     best = checkpoint.read(directory.best_path)
+    shutil.copy(directory.best_path, tmp_path / "copy.pt")
+    monkeypatch.chdir(tmp_path)
 
     def killed(*_: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("apil_core.runs.session.Session.run", killed)
     with pytest.raises(KeyboardInterrupt):
-        resume(directory.path, checkpoint_path=Path("best"), steps=9 * ITERATION)
+        resume(directory.path, checkpoint_path=Path(where), steps=9 * ITERATION)
     assert directory.newest_checkpoint() == directory.checkpoint_path(best["iteration"])
     assert directory.best_path.is_file()
 
@@ -169,3 +173,20 @@ def test_a_plugin_can_end_the_training(tmp_path):
     result = run(config, out=tmp_path / "r")
     assert (result.status, result.steps, result.stopped) == ("finished", 3 * ITERATION, "three are enough")
     assert result.evaluation is not None
+
+
+def test_an_evaluation_that_fails_is_made_up_for(tmp_path):
+    run(scored(), out=tmp_path / "whole")
+
+    class OutOfMemory(Progress):
+        def evaluation_progress(self, done: int, total: int) -> None:
+            raise MemoryError
+
+    with pytest.raises(MemoryError):
+        run(scored(), out=tmp_path / "r", progress=OutOfMemory())
+    assert checkpoint.read(RunDir(tmp_path / "r").newest_checkpoint())["iteration"] == 1
+    resume(tmp_path / "r")
+    ends = [checkpoint.read(RunDir(tmp_path / name).newest_checkpoint()) for name in ("whole", "r")]
+    assert ends[0]["evaluations"] == ends[1]["evaluations"]
+    rows = [[row.keys() for row in metrics_of(tmp_path / name)] for name in ("whole", "r")]
+    assert rows[0] == rows[1]

@@ -119,7 +119,7 @@ def test_what_cannot_be_cloned_is_refused_before_anything_is_made(teacher, tmp_p
             f"run:{teacher}",
             10 * ITERATION,
             ConfigError,
-            r"init_steps \(20,480\) of the run's steps \(20,480\)",
+            r"takes 20,480 of the run's steps \(20,480; init_steps 20,480",
         ),
         ("embedded:you-shall-not-pass/blocker/v1", 12 * ITERATION, ConfigError, "observations and gives"),
         ("random", 12 * ITERATION, Exception, "is no run directory"),
@@ -134,3 +134,12 @@ def test_what_cannot_be_cloned_is_refused_before_anything_is_made(teacher, tmp_p
 def test_a_run_of_other_groups_says_how_to_clone_it(teacher, tmp_path):
     with pytest.raises(ConfigError, match=rf"to clone its adversary: --init-from run:{teacher}"):
         run(starting(teacher, "apil"), out=tmp_path / "r")
+
+
+def test_however_few_steps_one_rollout_fits_the_critic(teacher, tmp_path):
+    for init_steps, first in ((1, 3), (ITERATION, 3), (2 * ITERATION + 1, 4)):
+        out = tmp_path / str(init_steps)
+        run(starting(f"run:{teacher}", steps=4 * ITERATION, init_steps=init_steps), out=out)
+        assert metrics_of(out)[0]["steps"] == first * ITERATION
+    with pytest.raises(ConfigError, match=r"takes 4,096 of .* \(4,096; init_steps 1 in rollouts"):
+        run(starting(f"run:{teacher}", steps=2 * ITERATION, init_steps=1), out=tmp_path / "r")

@@ -13,7 +13,7 @@ from helpers.small_runs import differences, small_config
 from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
 
-from apil_core.api.types import PRIVILEGED_GROUP, DiagonalGaussian
+from apil_core.api.types import OWN_GROUP, PRIVILEGED_GROUP, DiagonalGaussian
 from apil_core.evaluation.progress import Progress
 from apil_core.plugins.registry import default_plugins
 from apil_core.runs.score import score_in_training
@@ -128,6 +128,17 @@ def test_minibatches_are_rsl_rls_but_for_the_copying():
         for name in ("actions", "values", "advantages", "returns", "old_actions_log_prob"):
             assert torch.equal(getattr(mine, name), getattr(other, name)), name
         assert torch.equal(mine.observations[LATENT], other.observations[LATENT])
+
+
+def test_no_sample_is_left_out_of_all_passes():
+    """Seven samples in two minibatches of three: the one that is left out is another each time."""
+    example = TensorDict({OWN_GROUP: torch.zeros(7, 2)}, batch_size=[7])
+    storage = PPOStorage(example, RolloutBuffer(1), 1, torch.device("cpu"))
+    storage.returns.copy_(torch.arange(7.0).view(1, 7, 1))
+    torch.manual_seed(0)
+    passes = [list(storage.mini_batch_generator(2, 1)) for _ in range(30)]
+    assert all(len(batch.returns) == 3 for batches in passes for batch in batches)
+    assert {float(x) for batches in passes for batch in batches for x in batch.returns} == set(range(7))
 
 
 def test_the_updates_densities_are_torchs():

@@ -17,6 +17,8 @@ from apil_core import ApilError, ConfigError, RunDirError, resume, run
 from apil_core.common.files import locked
 from apil_core.config.resolve import dump_yaml
 from apil_core.evaluation.progress import Progress
+from apil_core.plugins.registry import default_plugins
+from apil_core.runs.dry_run import dry_run
 from apil_core.studies.curves.curves import final_scores
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.run_dir import RunDir
@@ -257,6 +259,20 @@ def test_init_from_takes_the_networks_of_another_run(tmp_path):
     assert not (tmp_path / "third").exists()
 
 
+def test_init_from_leaves_behind_critics_that_the_new_method_has_no_use_for(tmp_path):
+    further = {"apl": {"advantage_difference": True}}
+    for name, method, source, options in (
+        ("apl", "apl", None, further),
+        ("adrl", "adrl", "apl", {}),
+        ("e_apil", "e_apil", None, {}),
+        ("apil", "apil", "e_apil", {}),
+    ):
+        start = tmp_path / source if source else None
+        run(small_config(method, init_from=start, steps=1024, options=options), out=tmp_path / name)
+    assert final_state(tmp_path / "apl")["learner"]["critics"].keys() == {"victim"}
+    assert final_state(tmp_path / "adrl")["learner"]["critics"] == {}
+
+
 def test_going_on_from_an_older_checkpoint_leaves_the_other_future(tmp_path):
     run(small_config("adrl", checkpoint={"every_iterations": 1, "keep": 3}), out=tmp_path / "r")
     older = RunDir(tmp_path / "r").checkpoints()[0]
@@ -387,3 +403,12 @@ def test_linear_learning_rate_counts_side_games(tmp_path):
     run(config, out=tmp_path / "r")
     rates = [m["ppo/learning_rate"] for m in metrics_of(tmp_path / "r")]
     assert rates == pytest.approx([1.0e-4, 0.75e-4, 0.5e-4, 0.25e-4])
+
+
+def test_side_games_count_in_speed_and_plan(tmp_path):
+    config = small_config("apil", options={"apil": {"rollouts": "own"}}, steps=4 * 1024)
+    run(config, out=tmp_path / "r")
+    for row in metrics_of(tmp_path / "r"):
+        seconds = row["collect_seconds"] + row["update_seconds"]
+        assert row["steps_per_second"] * seconds == pytest.approx(1024)
+    assert dry_run(config, default_plugins()).iterations == 4

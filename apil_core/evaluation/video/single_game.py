@@ -13,7 +13,6 @@ from pydantic import BaseModel
 from apil_core.api.game import GameStep
 from apil_core.common.seeds import stream_seed
 from apil_core.evaluation.pairing import Pairing
-from apil_core.training.adversary import AdversaryPolicy
 
 Outcome = Literal["win", "tie", "loss"]
 """From the adversary's side, as in every score."""
@@ -99,11 +98,9 @@ class SingleGames:
 
     def _rewind(self, seed: int) -> None:
         """Reseed stochastic hooks, so that they repeat their draws."""
-        for policy in (self.pairing.adversary, self.pairing.victim):
-            if isinstance(policy, AdversaryPolicy):
-                policy.context.generator.manual_seed(
-                    stream_seed(seed, f"hooks of side {policy.context.side}")
-                )
+        pairing = self.pairing
+        for side, policy in ((pairing.side, pairing.adversary), (1 - pairing.side, pairing.victim)):
+            policy.seed(stream_seed(seed, f"hooks of side {side}"))
 
     def _ended(self, number: int, step: GameStep, returns: np.ndarray) -> PlayedGame:
         side, winner = self.pairing.side, int(step.winner[0])

@@ -64,7 +64,7 @@ def prepare(config: RetrainConfig, plugins: PluginRegistry) -> RetrainTrainer:
 
 def _check_numbers(config: RetrainConfig) -> None:
     parts = config.ppo.minibatches
-    if config.num_envs < parts or config.num_envs * config.ppo.num_steps < 2 * parts:
+    if config.num_envs < parts:
         raise ConfigError(
             f"num_envs ({config.num_envs}) must be at least ppo.minibatches ({parts}): "
             "a minibatch is some of the games"

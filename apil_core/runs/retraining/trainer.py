@@ -58,6 +58,7 @@ class RetrainTrainer(Trainer):
             largest = float(rollout.reward.abs().max())
             if not largest:  # no outcome yet: nothing to learn from, and the unit is unknown
                 self.learner.forget()
+                self.warmup += 1
                 return {}
             self._denormalise(largest)
         return super()._learn(rollout, actor_fixed or self.iteration < self.warmup)
@@ -94,9 +95,10 @@ class RetrainTrainer(Trainer):
 
     def state_dict(self) -> dict[str, Any]:
         """Return the whole retraining at an iteration boundary."""
-        return {**super().state_dict(), "in_units": self._in_units}
+        return {**super().state_dict(), "in_units": self._in_units, "warmup": self.warmup}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Continue exactly where :meth:`state_dict` was taken."""
         super().load_state_dict(state)
         self._in_units = state["in_units"]
+        self.warmup = state.get("warmup", self.warmup)  # older checkpoints lack it

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from typing import TYPE_CHECKING, Any
 
+from apil_core.common.errors import ApilError
 from apil_core.evaluation.progress import Progress
 from apil_core.studies.bench.cells import Cell
 from apil_core.training.storage.run_dir import RunDir
@@ -125,27 +126,18 @@ def take_snapshots(status: JobStatus, cell: Cell, progress: Progress) -> None:
     stage = status.benchmark.matrix.snapshots
     pictures = 6 if stage is None else stage.pictures
     run = f"run:{status.bench.cell(cell.name).path}"
+    options = RenderOptions(
+        seed=cell.seed,
+        until="win",
+        episodes=_TRIES,
+        snapshots=pictures,
+        contact_sheet=path,
+        width=240,
+        height=160,
+    )
+    check_files(options)
     with load_pairing(run, num_envs=1, threads=1, seed=cell.seed) as pairing:
-        won = won_game(pairing, cell.seed)
-        options = RenderOptions(
-            seed=cell.seed,
-            until="win" if won else None,
-            episodes=_TRIES if won else None,
-            snapshots=pictures,
-            contact_sheet=path,
-            width=240,
-            height=160,
-        )
-        check_files(options)
-        show(pairing, options, progress)
-
-
-def won_game(pairing: Any, seed: int) -> bool:
-    """Return whether the adversary wins one of the games searched for a contact sheet."""
-    from apil_core.common.torch_threads import one_torch_thread
-    from apil_core.evaluation.video.single_game import SingleGames
-
-    with one_torch_thread(), pairing.attribution():
-        pairing.game.seed(0)
-        pairing.game.reset()
-        return SingleGames(pairing, seed).find("win", _TRIES, lambda game: None) is not None
+        try:
+            show(pairing, options, progress)
+        except ApilError:  # it won none
+            show(pairing, RenderOptions.of(options, until=None, episodes=None), progress)

@@ -80,7 +80,8 @@ def _kept(stored: Sequence[Player], now: Mapping[str, str], hashes: Mapping[str,
     """Players that still take part, by their old index."""
     found = {}
     for place, player in enumerate(stored):
-        label = next((label for label, name in now.items() if same_player(name, player.name)), None)
+        same = [label for label, name in now.items() if same_player(name, player.name)]
+        label = player.label if player.label in same else next(iter(same), None)
         if label is not None and hashes.get(label, "") in ("", player.sha256):
             found[place] = player.model_copy(update={"label": label})
     return found

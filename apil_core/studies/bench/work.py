@@ -29,8 +29,11 @@ Outcome = Literal["done", "interrupted", "failed"]
 _PATIENCE = 600.0
 """Seconds to wait for a lock; longer than any iteration on usable machines."""
 
-_FREE = ("threads", "device", "trust", "victim_sha256", "recorders", "log_rows", "checkpoint", "evaluation")
-"""Settings in which a cell's stored run may differ from the matrix: they do not change what is learnt."""
+_NEWEST = ("recorders", "log_rows", "checkpoint", "evaluation")
+"""Settings that a begun cell takes from the matrix as it is now."""
+
+_FREE = ("threads", "device", "trust", "victim_sha256", *_NEWEST)
+"""Settings in which a cell's stored run may differ from the matrix."""
 
 
 def perform(root: Path, name: str, *, threads: int = 1, progress: Progress | None = None) -> Outcome:
@@ -119,7 +122,10 @@ class _Worker:
 
         command = self.status.command
         if run.checkpoints():
-            check_same(run.config(), cell)
+            stored = run.config()
+            check_same(stored, cell)
+            kept = {key: getattr(cell.config, key) for key in _NEWEST}
+            run.write_config(stored.model_copy(update=kept), self.benchmark.plugins)
             self.bench.set_aside(cell.name)
             result = runner.resume(
                 run.path, threads=self.threads, steps=cell.steps, progress=self.progress, command=command

@@ -222,7 +222,10 @@ class Apil(Method):
                     raise PluginError(f"imitation_streams: {name!r} {wrong}")
                 streams[name] = weight, reward.detach()
         known = self.imitator.stream_critics
-        if known and known.keys() != streams.keys():
+        if not run.iteration:  # they may be those of the run it was initialised from
+            for name in known.keys() - streams.keys():
+                del known[name]
+        elif known and known.keys() != streams.keys():
             change = f"from {sorted(known)} to {sorted(streams)}"
             raise PluginError(f"imitation_streams: names changed {change}; give the same in every rollout")
         for name in streams if self.imitator.per_step else ():
