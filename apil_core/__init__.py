@@ -69,7 +69,7 @@ _HOMES = {
     "apil_core.plugins.defined": ("define",),
     "apil_core.runs.runner": ("RunResult", "resume", "run"),
     "apil_core.evaluation.crossplay.crossplay": ("crossplay",),
-    "apil_core.runs.retraining.retrain": ("retrain",),
+    "apil_core.runs.retraining.retrain": ("retrain", "resume_retraining"),
     "apil_core.runs.distillation.distill": ("distill",),
     "apil_core.training.export.export": ("export",),
     "apil_core.studies.seeds": ("run_seeds",),
@@ -175,6 +175,7 @@ if TYPE_CHECKING:
     from apil_core.policies.network import PolicyNetwork as PolicyNetwork
     from apil_core.policies.student import save_policy as save_policy
     from apil_core.runs.distillation.distill import distill as distill
+    from apil_core.runs.retraining.retrain import resume_retraining as resume_retraining
     from apil_core.runs.retraining.retrain import retrain as retrain
     from apil_core.runs.runner import RunResult as RunResult
     from apil_core.runs.runner import resume as resume

@@ -16,10 +16,14 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="apil-tests-")
 
 import pytest
+from hypothesis import settings
 
 from apil_core import GameSpec, Section
 from apil_core.plugins.defined import defined
 from apil_core.plugins.discovery import PluginRegistry, discover
+
+settings.register_profile("apil", deadline=None)  # nothing depends on the machine's load
+settings.load_profile("apil")
 
 
 class MarginConfig(Section):

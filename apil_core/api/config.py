@@ -151,20 +151,6 @@ class PPOConfig(Section):
     """Clip of the normalised observation."""
 
 
-def check_batch(num_envs: int, ppo: PPOConfig) -> None:
-    """Check that a minibatch holds two samples, to normalise advantages over.
-
-    Raises:
-        ValueError: it does not.
-    """
-    batch = num_envs * ppo.num_steps
-    if batch < 2 * ppo.minibatches:
-        raise ValueError(
-            f"num_envs × ppo.num_steps ({batch}) must hold at least two samples for each of "
-            f"ppo.minibatches ({ppo.minibatches}): advantages are normalised per minibatch"
-        )
-
-
 class StopConfig(Section):
     """Early stopping, before the budget is used up; checked after each evaluation during training."""
 
@@ -284,5 +270,10 @@ class RunConfig(Section):
 
     @model_validator(mode="after")
     def _batch_divides(self) -> RunConfig:
-        check_batch(self.num_envs, self.ppo)
+        batch = self.num_envs * self.ppo.num_steps
+        if batch < 2 * self.ppo.minibatches:
+            raise ValueError(
+                f"num_envs × ppo.num_steps ({batch}) must hold at least two samples for each of "
+                f"ppo.minibatches ({self.ppo.minibatches}): advantages are normalised per minibatch"
+            )
         return self

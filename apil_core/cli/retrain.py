@@ -92,7 +92,7 @@ def resume(
     as_json: bool,
 ) -> int:
     """``apil resume`` for the directory of a retraining."""
-    from apil_core.runs.retraining.retrain import resume as go_on
+    from apil_core.runs.retraining.retrain import resume_retraining as go_on
 
     with make_progress(quiet=quiet) as progress:
         result = go_on(

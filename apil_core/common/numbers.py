@@ -15,10 +15,10 @@ def whole_number(text: str) -> int:
     digits = text[:-1] if factor > 1 else text
     with suppress(ValueError):
         return int(digits) * factor  # exact, also above 2⁵³
-    value = float(digits) * factor
-    if not value.is_integer():  # nor are NaN and infinity
-        raise ValueError(f"{text!r} is not a whole number")
-    return int(value)
+    with suppress(ValueError):
+        if (value := float(digits) * factor).is_integer():  # NaN and infinity are not
+            return int(value)
+    raise ValueError(f"{text!r} is not a whole number")
 
 
 def short_number(value: int) -> str:

@@ -68,7 +68,7 @@ def unknown_name(key: Key, kind: str, name: str, known: Sequence[str]) -> Proble
 
 def _line(problem: Problem, origins: Mapping[Key, str]) -> str:
     written = _written(problem, origins)
-    origin = origins[written] if written else "config"
+    origin = origins[written] if written else origins.get((), "config")
     dotted = ".".join(map(str, problem.key))
     is_flag = origin.startswith("--") and not origin.startswith("--set ")
     named = (is_flag and written == problem.key) or origin.startswith(f"--set {dotted}=")

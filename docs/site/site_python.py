@@ -14,7 +14,7 @@ GROUPS = {
         "Train, score and compare from Python; examples: [from Python](../python.md). A callback's hooks: "
         "[hooks](../hooks.md).",
         "run resume run_seeds RunResult Callback define load_run LoadedRun plot_runs Media evaluate "
-        "EvaluationResult crossplay retrain distill export tune TuneResult",
+        "EvaluationResult crossplay retrain resume_retraining distill export tune TuneResult",
     ),
     "configuration": (
         "Configurations",

@@ -134,9 +134,20 @@ def test_a_retraining_with_other_settings_is_refused(tmp_path: Path) -> None:
 def test_paths_start_at_the_matrix(tmp_path: Path) -> None:
     (tmp_path / "m.yaml").write_text("methods: [adrl]\ngames: [toy-pursuit]\nconfig: {plugins: [p.py]}\n")
     assert load_matrix(str(tmp_path / "m.yaml")).config["plugins"] == [str(tmp_path / "p.py")]
+    (tmp_path / "v.onnx").touch()
+    (tmp_path / "m.yaml").write_text(
+        "methods: [adrl]\ngames: [toy-pursuit]\nvictims: {toy-pursuit: [onnx:v.onnx, random]}\n"
+        "adversaries: {toy-pursuit: {other: onnx:v.onnx}}\n"
+    )
+    found = load_matrix(str(tmp_path / "m.yaml"))
+    assert found.victims == {GAME: (f"onnx:{tmp_path}/v.onnx", "random")}
+    assert found.adversaries == {GAME: {"other": f"onnx:{tmp_path}/v.onnx"}}
+    (tmp_path / "m.yaml").write_text("")
+    with pytest.raises(ConfigError, match=r"m\.yaml: methods: missing"):
+        load_matrix(str(tmp_path / "m.yaml"))
 
 
-@pytest.mark.parametrize("text", ["inf", "1e999", "nan", "1.5"])
+@pytest.mark.parametrize("text", ["inf", "1e999", "nan", "1.5", "1Q", ""])
 def test_no_whole_number(text: str) -> None:
     with pytest.raises(ValueError, match="not a whole number"):
         whole_number(text)
@@ -157,3 +168,20 @@ def test_a_begun_cell_takes_the_matrixs_present_evaluations(tmp_path: Path) -> N
     (found,) = BenchDir(tmp_path).cells()
     assert found.run.config().evaluation.every_steps == 512
     assert found.run.last_metrics()["evaluation/episodes"] == 4
+
+
+@pytest.mark.parametrize(
+    ("stage", "reason"),
+    [
+        ({"steps": "1k"}, "leave embedded:kick-and-defend/kicker/v1 as it is"),
+        ({"freeze": "value"}, "--freeze value needs the victim's own value network"),
+        ({"num_envs": 2}, r"num_envs \(2\) must be at least ppo.minibatches \(4\)"),
+        ({"ppo": {"critic_observes": "both"}}, "ppo.critic_observes is no setting of a retraining"),
+    ],
+    ids=str,
+)
+def test_a_retraining_that_cannot_be_is_refused_before_the_trainings(stage, reason) -> None:
+    kick = "kick-and-defend"
+    asked = small_matrix(games=[kick], victims={kick: [f"embedded:{kick}/kicker/v1"]}, retraining=stage)
+    with pytest.raises(ConfigError, match=rf"^m, kick-and-defend against embedded:.*{reason}"):
+        with_full_names(resolve_matrix(asked), "m")

@@ -17,7 +17,7 @@ from cli.cli_helpers import COIN, Apil
 FLAGS = (
     *("--env", "toy-pursuit", "--baseline", "random", "--steps", "1024", "--num-envs", "32"),
     *("--threads", "1", "--episodes", "20", "--set", "ppo.num_steps=16", "--set", "ppo.minibatches=2"),
-    *("--set", "recorders=[jsonl]"),
+    *("--set", "recorders=[jsonl]", "--set", "critic_warmup=0"),
 )
 
 
@@ -93,6 +93,15 @@ def test_ctrl_c_then_resume_then_attack(
         ({"--baseline": "auto"}, "toy-pursuit has no baseline adversary for the pursuer"),
         ({"--victim": "random"}, "cannot be retrained; what can: zoo:"),
         ({"--steps": "0"}, "--steps 0: should be greater than 0"),
+        ({"--steps": "160k"}, "leave safetensors:"),
+        (
+            {"--steps": "160k"},
+            "the first 10 iterations of 16,384 steps train the critic alone (critic_warmup)",
+        ),
+        (
+            {"--set": "ppo.init_std=0.1"},
+            "--set ppo.init_std=0.1: is no setting of a retraining: the victim has its own",
+        ),
         ({"--out": "."}, "exists and is not empty"),
     ],
     ids=str,

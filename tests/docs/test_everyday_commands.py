@@ -16,7 +16,7 @@ SMALL = {
     "eval": "--episodes 4 --quiet",
     "play": "--quiet",
     "crossplay": "--episodes 4 --num-envs 4 --quiet",
-    "retrain": "--steps 512 --num-envs 8 --episodes 4 --quiet --set ppo.num_steps=32",
+    "retrain": "--steps 512 --num-envs 8 --episodes 4 --quiet --set ppo.num_steps=32 --set critic_warmup=0",
     "analyze": "--games 2 --quiet",
     "distill": "--steps 512 --num-envs 8 --episodes 4 --quiet --teacher embedded:sumo-ants/fighter/v1 "
     "--opponent embedded:sumo-ants/fighter/v1 --set final_passes=1",

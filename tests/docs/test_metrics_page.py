@@ -50,7 +50,8 @@ def directories(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         run(config.model_copy(update={"victim": victim}), out=place / name)
     made = [MethodSpec("relabelling", Relabelling)]
     run(small_config("relabelling", steps=512), methods=made, out=place / "relabelling")
-    flags = {"steps": 4 * 512, "baseline": "random", "critic_warmup": 1, "recorders": ["jsonl"]}
+    flags = {"steps": 4 * 512, "baseline": "random", "critic_warmup": 0, "recorders": ["jsonl"]}
+    flags |= {"num_envs": 32, "ppo": {"num_steps": 16}}
     scores = {"every_steps": 1024, "periodic_episodes": 4, "episodes": 4}
     retrain([place / "scored"], out=place / "retrained", **flags, evaluation=scores)
     return {path.name: path for path in place.iterdir() if path.is_dir()}

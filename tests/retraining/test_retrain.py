@@ -20,7 +20,7 @@ from apil_core.plugins.registry import default_plugins
 from apil_core.runs.retraining.build import prepare
 from apil_core.runs.retraining.config import RetrainConfig
 from apil_core.runs.retraining.folder import RetrainDir
-from apil_core.runs.retraining.retrain import resume as go_on
+from apil_core.runs.retraining.retrain import resume_retraining as go_on
 from apil_core.runs.retraining.retrain import retrain
 from apil_core.runs.retraining.settings import settings
 from apil_core.runs.trackers.tracked import TrackedRun
@@ -274,3 +274,32 @@ def test_rollouts_without_an_outcome_are_no_warm_up(attacks: dict[str, Path]) ->
     assert all(map(torch.equal, actor, trainer.learner.policy.parameters()))
     trainer.iterate()
     assert not all(map(torch.equal, actor, trainer.learner.policy.parameters()))
+
+
+def test_python_takes_one_adversary_and_the_commands_short_names(
+    attacks: dict[str, Path], tmp_path: Path
+) -> None:
+    small = {key: value for key, value in SMALL.items() if key not in ("steps", "evaluation.episodes")}
+    made = retrain(attacks["adrl"], out=tmp_path / "r", steps=512, episodes=5, **small)
+    assert made.after["adrl"].episodes == 5
+    with pytest.raises(RunDirError, match="is a retraining, no run; .* resume_retraining goes on with it"):
+        resume(tmp_path / "r", steps=1024)
+    assert go_on(tmp_path / "r", steps=1024).steps == 1024
+
+
+def test_baselines_are_adversaries_by_their_short_names() -> None:
+    found = settings(["random", "zero"], {"env": "toy-pursuit"})
+    assert (found.adversaries, found.labels) == (("random", "zero"), ("random", "zero", "baseline"))
+
+
+def test_a_kill_before_the_first_checkpoint_keeps_the_scores_before(
+    attacks: dict[str, Path], tmp_path: Path
+) -> None:
+    class Killed(Progress):
+        def iteration(self, metrics: dict[str, float]) -> None:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        retrain(config(attacks, evaluation__episodes=5), out=tmp_path / "r", progress=Killed())
+    assert [path.stem for path in RetrainDir(tmp_path / "r").checkpoints()] == ["iteration-00000000"]
+    assert list(go_on(tmp_path / "r").before) == ["adrl", "baseline"]

@@ -24,7 +24,7 @@ from apil_core.runs.retraining.environment import FixedObservations, OpponentSta
 from apil_core.runs.retraining.mixture import MixturePolicy
 from apil_core.runs.retraining.settings import BASELINE
 from apil_core.runs.retraining.trainable import LINEAR, trainable
-from apil_core.runs.retraining.trainer import RetrainTrainer
+from apil_core.runs.retraining.trainer import RetrainTrainer, warmup_of
 from apil_core.runs.runner import check_recorders
 from apil_core.training.attack_env import AttackEnv
 from apil_core.training.build import RunParts, check_device, generators, seeded_games
@@ -55,6 +55,7 @@ def prepare(config: RetrainConfig, plugins: PluginRegistry) -> RetrainTrainer:
         opponents = _opponents(config, game, plugins)
         config = _pinned(config, victim, opponents)
         attack, stored = _attack(config, game, parts, opponents, plugins, device)
+        _check_budget(config, warmup_of(config, stored))
     except BaseException:
         game.close()
         raise
@@ -68,6 +69,15 @@ def _check_numbers(config: RetrainConfig) -> None:
         raise ConfigError(
             f"num_envs ({config.num_envs}) must be at least ppo.minibatches ({parts}): "
             "a minibatch is some of the games"
+        )
+
+
+def _check_budget(config: RetrainConfig, warmup: int) -> None:
+    batch = config.num_envs * config.ppo.num_steps
+    if config.steps <= warmup * batch:
+        raise ConfigError(
+            f"{config.steps:,} steps leave {config.victim} as it is: the first {warmup} iterations "
+            f"of {batch:,} steps train the critic alone (critic_warmup)"
         )
 
 

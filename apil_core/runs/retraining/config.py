@@ -24,6 +24,10 @@ NOT_ITS_OWN = (
 """Settings of a run that a retraining has no use for: they stay as they are by default."""
 
 
+OF_THE_VICTIM = ("init_std", "action_unit", "observation_clip")
+"""PPO's settings that the victim's network brings along; stored retrainings may have others, to no effect."""
+
+
 class RetrainEvaluation(EvaluationConfig):
     """Scores against each opponent on its own."""
 

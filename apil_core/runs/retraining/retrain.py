@@ -22,12 +22,15 @@ from apil_core.training.distributed.world import ALONE
 from apil_core.training.storage import checkpoint
 from apil_core.training.storage.checkpoint import MAY_CHANGE, check_same_settings, fitting
 
+_SHORT = {"physics": "game.physics", "episodes": "evaluation.episodes"}
+"""Keywords named like flags of ``apil retrain``."""
+
 _BY_HASH = ("victim", "adversaries", "baseline")
 """Settings that may change, too: policies are identified by their hashes, which are compared."""
 
 
 def retrain(
-    config: RetrainConfig | Sequence[PolicyLike],
+    config: RetrainConfig | PolicyLike | Sequence[PolicyLike],
     *,
     out: Path | str | None = None,
     progress: Progress | None = None,
@@ -43,14 +46,16 @@ def retrain(
         progress: gets iterations, scores and notes.
         command: stored for reproducibility.
         plugins: registry to use; default: the installed ones and ``config.plugins``.
-        changes: settings by key, as ``apil retrain`` has them: ``steps``, ``victim``, ``adversary_share``, …
+        changes: settings by key, as ``apil retrain`` has them: ``steps``, ``victim``, ``adversary_share``, …;
+            ``physics`` and ``episodes`` are short for ``game.physics`` and ``evaluation.episodes``.
 
     Raises:
         ApilError: anything wrong in settings, weights or directory, before anything is played.
     """
     if not isinstance(config, RetrainConfig):
-        values = {key: as_text(value) for key, value in changes.items()}
-        config = settings([policy_name(each) for each in config], values, plugins=plugins)
+        values = {_SHORT.get(key, key): as_text(value) for key, value in changes.items()}
+        named = config if isinstance(config, Sequence) and not isinstance(config, str) else [config]
+        config = settings([policy_name(each) for each in named], values, plugins=plugins)
     registry = plugins or plugins_with(config.plugins)
     trainer = prepare(config, registry)
     place = None if out is None else Path(out)
@@ -59,7 +64,7 @@ def retrain(
         return RetrainSession(trainer, directory, progress or Progress(), registry).retrain()
 
 
-def resume(
+def resume_retraining(
     directory: Path | str,
     *,
     steps: int | None = None,

@@ -120,6 +120,7 @@ class RetrainSession(Session):
                 )
             if self._stop_request.asked:
                 return
+            self.save()  # these scores, for a kill before the first checkpoint
         super()._iteration()
 
     def _evaluate_on_the_way(self) -> dict[str, float]:

@@ -9,17 +9,17 @@ from typing import Any
 
 from pydantic import create_model
 
-from apil_core.api.config import RunConfig
+from apil_core.api.config import PPOConfig, RunConfig
 from apil_core.common.documents import plain
 from apil_core.common.errors import ConfigError
 from apil_core.config.game import game_model, profile_problems, settled
 from apil_core.config.layers import POLICY_NAME, Layer, flag_layer, merge, set_layer
-from apil_core.config.problems import raise_problems, validated
-from apil_core.plugins.default_victim import default_victim
+from apil_core.config.problems import Problem, raise_problems, validated
+from apil_core.plugins.default_victim import BASELINES, default_victim
 from apil_core.plugins.discovery import PluginRegistry
 from apil_core.plugins.registry import plugins_with
 from apil_core.policies.loading import victim_name, victim_side
-from apil_core.runs.retraining.config import MIXED, RetrainConfig
+from apil_core.runs.retraining.config import MIXED, OF_THE_VICTIM, RetrainConfig
 from apil_core.training.export.run_policy import SCHEME, RunCheckpoint, run_path
 
 BASELINE = "baseline"
@@ -69,8 +69,9 @@ def settings(
 
 
 def _source(name: Path | str) -> RunCheckpoint | None:
-    path, is_policy = run_path(name), POLICY_NAME.match(str(name)) is not None
-    if path is None and not is_policy and str(name).endswith(".pt"):
+    path, text = run_path(name), str(name)
+    is_policy = text in BASELINES or POLICY_NAME.match(text) is not None
+    if path is None and not is_policy and text.endswith(".pt"):
         path = Path(name)
     if path is None and not is_policy:
         raise ConfigError(f"{name} is neither a run directory nor a policy name like zoo:GAME/ROLE/v1")
@@ -137,4 +138,8 @@ def _checked(base: dict[str, Any], asked: Sequence[Layer], plugins: PluginRegist
     data, origins = merge(own, layers)
     raise_problems(profile_problems(data, options, env), origins)
     model = create_model("RetrainSettings", __base__=RetrainConfig, game=(options, ...))
-    return RetrainConfig.model_validate(plain(validated(model, data, origins)))
+    found = RetrainConfig.model_validate(plain(validated(model, data, origins)))
+    given, usual = (ppo.model_dump(include=set(OF_THE_VICTIM)) for ppo in (found.ppo, PPOConfig()))
+    reason = "is no setting of a retraining: the victim has its own"
+    raise_problems([Problem(("ppo", key), reason) for key in usual if given[key] != usual[key]], origins)
+    return found

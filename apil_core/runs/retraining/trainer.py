@@ -20,7 +20,13 @@ from apil_core.training.recurrent_ppo import NetworkLearner
 from apil_core.training.trainer import Trainer
 
 _WARMUP = {"stored": 1, "new": 10}
-"""First iterations that train the critic alone; a stored one needs fewer."""
+"""Default of ``critic_warmup``; a stored one needs less."""
+
+
+def warmup_of(config: RetrainConfig, stored: StoredCritic | None) -> int:
+    """First iterations that train the critic alone."""
+    default = _WARMUP["new" if stored is None else "stored"]
+    return default if config.critic_warmup is None else config.critic_warmup
 
 
 class RetrainTrainer(Trainer):
@@ -49,8 +55,7 @@ class RetrainTrainer(Trainer):
         self.learner = attack.learner
         self.retraining, self.original, self.opponents = config, original, opponents
         self.stored = stored
-        default = _WARMUP["new" if stored is None else "stored"]
-        self.warmup = default if config.critic_warmup is None else config.critic_warmup
+        self.warmup = warmup_of(config, stored)
         self._in_units = False
 
     def _learn(self, rollout: Rollout, actor_fixed: bool) -> dict[str, float]:

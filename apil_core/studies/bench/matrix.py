@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from apil_core.api.config import ActionMode, BlindMode, PPOConfig, Section, check_batch
+from apil_core.api.config import ActionMode, BlindMode, PPOConfig, Section
 from apil_core.api.profiles import Profile
 from apil_core.common.numbers import number_list, whole_number
 from apil_core.config.layers import named_text, shipped_names, texts_in
@@ -92,13 +92,8 @@ class RetrainingStage(Section):
     """Games stepped together; not the cells'."""
     ppo: PPOConfig = PPOConfig()
     """Learner of the victim; not the cells' (docs/retraining.md)."""
-
-    @model_validator(mode="after")
-    def _trains(self) -> RetrainingStage:
-        check_batch(self.num_envs, self.ppo)
-        if self.ppo.critic_observes != "own":
-            raise ValueError("ppo.critic_observes is no setting of a retraining")
-        return self
+    critic_warmup: Annotated[int, Field(ge=0)] | None = None
+    """First iterations that train the critic alone; null: 10 for a new one, else 1."""
 
 
 class CrossPlayStage(Section):
@@ -185,13 +180,15 @@ class Matrix(Section):
         for key, values in axes.items():
             if len({repr(value) for value in values}) < len(values):
                 raise ValueError(f"{key} names a value twice")
-        for key in self.axes:
-            if key in _OWN_AXES:
-                raise ValueError(f"axes.{key}: use {_OWN_AXES[key]!r} for it")
+        for section in ("axes", "config"):
+            for key in _OWN_AXES.keys() & getattr(self, section).keys():
+                raise ValueError(f"{section}.{key}: use {_OWN_AXES[key]!r} for it")
         if min(self.steps) <= 0 or min(self.seeds) < 0:
             raise ValueError("steps must be positive, seeds must not be negative")
         if PLAIN not in self.scores:
             raise ValueError(f"scores needs {PLAIN!r}: table 1 is made of it")
+        if self.scores[PLAIN].blind or self.scores[PLAIN].observers:
+            raise ValueError(f"scores.{PLAIN}: table 1 is made of it; give blind or observers another score")
         for name in self.scores:
             check_name(name, f"scores.{name}")
         for game, named in self.adversaries.items():
@@ -226,7 +223,8 @@ class Matrix(Section):
         for key, games in named.items():
             for game in games:
                 if game not in self.games:
-                    raise ValueError(f"{key}: {game!r} is not among the matrix's games")
+                    known = ", ".join(self.games)
+                    raise ValueError(f"{key}: {game!r} is not among the matrix's games ({known})")
         if self.retraining is not None:
             for method in self.retraining.methods:
                 if method not in self.methods:
@@ -267,11 +265,15 @@ def matrix_names() -> list[str]:
     return shipped_names(__package__, "matrices")
 
 
-def _beside(file: Path, policy: Any) -> Any:
-    """A policy's name; made absolute where it names something that lies in the folder of that file."""
-    scheme, colon, rest = policy.rpartition(":") if isinstance(policy, str) else ("", "", "")
-    found = file.parent / rest
-    return f"{scheme}{colon}{found.absolute()}" if rest and found.exists() else policy
+def _beside(folder: Path, named: Any) -> Any:
+    """Policies' names; made absolute where they name something that lies in that folder."""
+    if isinstance(named, Mapping):
+        return {label: _beside(folder, policy) for label, policy in named.items()}
+    if isinstance(named, list):
+        return [_beside(folder, policy) for policy in named]
+    scheme, colon, rest = named.rpartition(":") if isinstance(named, str) else ("", "", "")
+    found = folder / rest
+    return f"{scheme}{colon}{found.absolute()}" if rest and found.exists() else named
 
 
 def load_matrix(name: str) -> Matrix:
@@ -289,15 +291,10 @@ def load_matrix(name: str) -> Matrix:
     data, lines = parse_yaml(text, origin)
     if isinstance(data.get("config"), dict) and origin == str(Path(name)):
         data["config"] = from_folder(Path(name).parent, data["config"])
-    if isinstance(data.get("adversaries"), dict):
-        data["adversaries"] = {
-            game: {label: _beside(Path(name), policy) for label, policy in named.items()}
-            if isinstance(named, dict)
-            else named
-            for game, named in data["adversaries"].items()
-        }
+    for section in data.keys() & {"victims", "adversaries"}:
+        data[section] = _beside(Path(name).parent, data[section])
     named_in(Path(name), data)
-    origins = {key: f"{origin}:{line}" for key, line in lines.items()}
+    origins = {key: f"{origin}:{line}" for key, line in lines.items()} | {(): origin}
     version = data.get("version")
     if isinstance(version, int) and version > MATRIX_VERSION:
         reason = f"is {version}, newer than this apil understands ({MATRIX_VERSION}): upgrade apil"

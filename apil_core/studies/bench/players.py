@@ -88,7 +88,8 @@ def check_same_adversaries(bench: BenchDir, benchmark: Benchmark) -> None:
 def _full_name(benchmark: Benchmark, cell: Cell, origin: str) -> str:
     from apil_core.plugins.registry import make_game
     from apil_core.policies.loading import LoadOptions, load_victim, victim_side
-    from apil_core.runs.retraining.trainable import trainable
+    from apil_core.runs.retraining.build import prepare
+    from apil_core.studies.bench.stages import retraining_of
 
     config, plugins = cell.config, benchmark.plugins
     baseline = benchmark.baselines.get(cell.game)
@@ -99,8 +100,10 @@ def _full_name(benchmark: Benchmark, cell: Cell, origin: str) -> str:
             victim = load_victim(cell.victim, game, side, "cpu", plugins, load_options)
             if baseline is not None:
                 load_victim(baseline, game, 1 - side, "cpu", plugins, load_options)
-            if baseline is not None and benchmark.matrix.has("retraining", cell.game):
-                trainable(victim)
+        if baseline is not None and benchmark.matrix.has("retraining", cell.game):
+            # all that a retraining could be refused for, before anything is trained
+            here = {"env": cell.game, "victim": victim.info.name}
+            prepare(retraining_of(benchmark, cell, baseline, **here), plugins).close()
     except ApilError as error:
         raise ConfigError(f"{origin}, {cell.game} against {cell.victim}: {error}") from error
     return victim.info.name

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 from apil_core.common.errors import ApilError
 from apil_core.evaluation.progress import Progress
-from apil_core.studies.bench.cells import Cell
+from apil_core.studies.bench.cells import Benchmark, Cell
 from apil_core.training.storage.run_dir import RunDir
 
 if TYPE_CHECKING:
     from apil_core.api.profiles import Profile
     from apil_core.evaluation.options import PairingOptions
+    from apil_core.runs.retraining.config import RetrainConfig
     from apil_core.studies.bench.jobs import JobStatus
 from apil_core.studies.bench.matrix import BASELINE
 
@@ -22,8 +23,7 @@ _TRIES = 60
 
 def harden(status: JobStatus, cell: Cell, threads: int, progress: Progress) -> bool:
     """Retrain the cell's victim against its adversary and the game's baseline; false if it was stopped."""
-    from apil_core.runs.retraining.retrain import resume, retrain
-    from apil_core.runs.retraining.settings import settings
+    from apil_core.runs.retraining.retrain import resume_retraining, retrain
     from apil_core.studies.bench.still_valid import check_same_retraining
 
     stage, directory = status.benchmark.matrix.retraining, status.bench.retrained_dir(cell.name)
@@ -31,26 +31,28 @@ def harden(status: JobStatus, cell: Cell, threads: int, progress: Progress) -> b
     shared: Any = {"progress": progress, "plugins": status.benchmark.plugins, "command": status.command}
     if RunDir(directory).checkpoints():
         check_same_retraining(directory, stage)
-        return resume(directory, steps=stage.steps, threads=threads, **shared).status == "finished"
+        return resume_retraining(directory, steps=stage.steps, threads=threads, **shared).status == "finished"
     shutil.rmtree(directory, ignore_errors=True)  # killed before its first checkpoint
-    flags = {
-        "steps": stage.steps,
-        "adversary_share": stage.adversary_share,
-        "mix": stage.mix,
-        "freeze": stage.freeze,
-        "num_envs": stage.num_envs,
-        "ppo": stage.ppo.model_dump(mode="json"),
-        "baseline": status.benchmark.baselines[cell.game],
+    run = f"run:{status.bench.cell(cell.name).path.resolve()}"
+    config = retraining_of(status.benchmark, cell, run, threads=threads)
+    return retrain(config, out=directory, **shared).status == "finished"
+
+
+def retraining_of(benchmark: Benchmark, cell: Cell, adversary: str, **flags: Any) -> RetrainConfig:
+    """Settings of a retraining of the cell's victim against that adversary and the game's baseline."""
+    from apil_core.runs.retraining.settings import settings
+
+    assert benchmark.matrix.retraining is not None
+    asked = benchmark.matrix.retraining.model_dump(mode="json", exclude={"games", "methods"})
+    own = {
+        "baseline": benchmark.baselines[cell.game],
         "seed": cell.seed,
-        "threads": threads,
         "trust": cell.config.trust,
         "device": cell.config.device,
         # cross-play scores it, against these and all others
         "evaluation.episodes": 0,
     }
-    run = f"run:{status.bench.cell(cell.name).path.resolve()}"
-    config = settings([run], flags, plugins=status.benchmark.plugins)
-    return retrain(config, out=directory, **shared).status == "finished"
+    return settings([adversary], {**asked, **own, **flags}, plugins=benchmark.plugins)
 
 
 def play_all(status: JobStatus, game: str, threads: int, progress: Progress) -> None:
