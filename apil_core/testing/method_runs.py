@@ -114,7 +114,7 @@ def check_other_seed(tested: MethodUnderTest) -> None:
     for seed in (0, 1):
         attack = build(complete(tested.config(seed=seed, num_envs=2), tested.registry), tested.registry)
         attack.game.close()
-        weights.append(attack.actor.state_dict())
+        weights.append(attack.learner.actor.state_dict())
     text = "seeds 0 and 1 begin with the same policy: the method seeds torch's global generator"
     tested.need(differences(*weights), text)
 

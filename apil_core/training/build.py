@@ -42,7 +42,6 @@ class RunParts:
     builder: ObservationBuilder
     generators: dict[str, torch.Generator]
     env: AttackEnv
-    actor: Actor
     learner: Learner
     world: World
 
@@ -171,9 +170,7 @@ def build(
     learner = Learner(actor, example, env.buffer, config.ppo, device, world, game.layout.max_steps)
     if not world.is_main:  # the networks exist: from here on each process draws its own random numbers
         torch.manual_seed(seed)
-    return RunParts(
-        config, game, victim, 1 - attacked, methods, hooks, builder, streams, env, actor, learner, world
-    )
+    return RunParts(config, game, victim, 1 - attacked, methods, hooks, builder, streams, env, learner, world)
 
 
 def seeded_games(config: RunConfig, plugins: PluginRegistry, world: World, stream: str) -> Game:

@@ -51,7 +51,7 @@ class SideGames:
             module.moments.load_state_dict(self._attack.env.normalizers[name].moments.state_dict())
         observations = env.get_observations()
         for _ in range(steps):
-            actions = self._attack.actor(observations).sample(self._attack.generators["method"])
+            actions = self._attack.learner.actor(observations).sample(self._attack.generators["method"])
             observations, _, _, _ = env.step(actions)
         env.stats.metrics()  # not used here: drop, or they accumulate
         return env.finish_rollout()

@@ -317,7 +317,7 @@ def test_critics_can_be_given_what_the_victim_sees_and_the_time_left(tmp_path):
     torch.testing.assert_close(seen[:, -1], left)
     torch.testing.assert_close(seen[:, :-1], attack.env.privileged(attack.env.pending.view.opponent))
     width = sum(attack.builder.sizes.values())
-    assert attack.actor.model.mlp[0].in_features == width
+    assert attack.learner.actor.model.mlp[0].in_features == width
     critics = [attack.learner.ppo.critic, *(critic.model for critic in attack.learner.critics.values())]
     assert {critic.mlp[0].in_features for critic in critics} == {width + theirs + 1}
     assert len(critics) == 2

@@ -170,8 +170,7 @@ def _attack(
     example = env.get_observations()
     learner = NetworkLearner(actor, critic, example, env.buffer, config.ppo, device, layout.max_steps)
     return RunParts(
-        *(config, game, mixture, config.victim_side, {}, hooks, builder, streams, env),
-        *(learner.actor, learner, ALONE),
+        config, game, mixture, config.victim_side, {}, hooks, builder, streams, env, learner, ALONE
     ), stored
 
 

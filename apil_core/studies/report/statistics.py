@@ -53,9 +53,7 @@ def compared(measured: Share | Rate, base: Share | Rate) -> Difference:
     intervals than Wilson's known as MOVER, Zou and Donner 2008). With Wilson's intervals it is exactly the
     interval of :func:`apil_core.common.statistics.difference`; with those over seeds it covers seeds as well.
     """
-    pair = ((each.value, (each.low, each.high)) for each in (measured, base))
-    (value, interval), (base_value, base_interval) = pair
-    return newcombe(value, interval, base_value, base_interval)
+    return newcombe(measured.value, (measured.low, measured.high), base.value, (base.low, base.high))
 
 
 def published_rate(fraction: float, games: int) -> Rate:
