@@ -129,7 +129,7 @@ def test_shares_of_what_can_be_predicted():
 def method_of(name, **options):
     config = RunConfig(method=name, env="toy-pursuit", options=options)
     methods, hooks = build_hooks(config, default_plugins(), setup_of(config))
-    return methods["apil"], SimpleNamespace(config=config, hook=hooks.hook, steps=0)
+    return methods["apil"], SimpleNamespace(config=config, hook=hooks.hook, steps=0, iteration=0)
 
 
 @pytest.mark.parametrize(("objective", "of_d"), [("gail", 1.0), ("likelihood", 0.0)])
@@ -204,8 +204,11 @@ def test_streams_may_have_any_name_and_keep_it():
     again.load_state_dict(apil.state_dict())
     assert list(again.imitator.stream_critics) == ["a.b", "values"]
     del names["values"]
+    run.iteration = 1
     with pytest.raises(PluginError, match="names changed"):
         apil._streams(run, rollout)
+    run.iteration = 0  # of another run, initialised from the first
+    assert list(again._streams(run, rollout)) == list(again.imitator.stream_critics) == ["a.b"]
 
 
 def test_a_rollout_after_its_first_step():
