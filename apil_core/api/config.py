@@ -268,12 +268,16 @@ class RunConfig(Section):
 
         return _load_config(source, presets, {**settings, **({"method": method} if method else {})})
 
+    @property
+    def rollout_steps(self) -> int:
+        """Environment steps of one rollout of all games, PPO's batch; side games are not in it."""
+        return self.num_envs * self.ppo.num_steps
+
     @model_validator(mode="after")
     def _batch_divides(self) -> RunConfig:
-        batch = self.num_envs * self.ppo.num_steps
-        if batch < 2 * self.ppo.minibatches:
+        if self.rollout_steps < 2 * self.ppo.minibatches:
             raise ValueError(
-                f"num_envs × ppo.num_steps ({batch}) must hold at least two samples for each of "
+                f"num_envs × ppo.num_steps ({self.rollout_steps}) must hold at least two samples for each of "
                 f"ppo.minibatches ({self.ppo.minibatches}): advantages are normalised per minibatch"
             )
         return self

@@ -167,10 +167,7 @@ def load_resolved(path: Path) -> RunConfig:
     data = file_layer(Path(path), quick=True).data
     if data.get("kind") == KIND:
         folder = Path(path).parent
-        raise IsRetrainingError(
-            f"{folder} is a retraining, no run; its victim is retrained:{folder} "
-            "(in Python, resume_retraining goes on with it)"
-        )
+        raise IsRetrainingError(f"{folder} is a retraining, no run; its victim is retrained:{folder}")
     try:
         check_version(data, {})
         config = read_stored(data, default_plugins(), RunConfig)

@@ -32,6 +32,10 @@ class EvaluationHistory:
         """The row with the highest win rate, the first of equals; ``None`` before the first evaluation."""
         return max(self.rows, key=_rate, default=None)
 
+    def is_best(self, steps: int) -> bool:
+        """True if the best evaluation is the one after ``steps`` environment steps."""
+        return self.best is not None and self.best["steps"] == steps
+
     def why_stop(self, wanted: StopConfig) -> str:
         """Reason to stop after the last evaluation, or ``""``."""
         last, best = self.rows[-1], self.best

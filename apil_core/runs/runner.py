@@ -17,6 +17,7 @@ from apil_core.api.specs import MethodSpec, load
 from apil_core.common.errors import ConfigError, RunDirError, UnknownNameError
 from apil_core.common.torch_threads import one_torch_thread
 from apil_core.config.absent import completed
+from apil_core.config.kind import IsRetrainingError
 from apil_core.config.layers import POLICY_NAME
 from apil_core.config.resolve import complete
 from apil_core.evaluation.progress import Progress
@@ -128,7 +129,10 @@ def resume(
         RunDirError: no run there, no readable checkpoint, or nothing left to do.
     """
     directory = RunDir(run_dir)
-    stored = directory.config()
+    try:
+        stored = directory.config()
+    except IsRetrainingError as error:
+        raise IsRetrainingError(f"{error}; resume_retraining goes on with it") from error
     define(*methods)
     registry, _ = with_callbacks(lambda: plugins_with(stored.plugins), callbacks)
     stored = completed(stored, registry)
@@ -189,8 +193,8 @@ def go_back(directory: RunDir, path: Path, state: dict[str, Any]) -> None:
         checkpoint.save(own, state)
     directory.abandon_after(state["iteration"])
     _abandon_best_after(directory.best_path, state["steps"])
-    best = EvaluationHistory(state.get("evaluations", ())).best
-    if best and best["steps"] == state["steps"]:  # it may have been killed before it wrote this
+    history = EvaluationHistory(state.get("evaluations", ()))
+    if history.is_best(state["steps"]):  # it may have been killed before it wrote this
         checkpoint.save(directory.best_path, state)
     directory.retire_result(int(state["steps"]))
 

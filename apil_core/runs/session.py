@@ -193,12 +193,11 @@ class Session:
         before = trainer.steps
         metrics = trainer.iterate()
         if self.world.is_main:
-            best = self.history.best
             every = self.config.evaluation.every_steps
             if every and before // every < trainer.steps // every:
                 # where this fails, a resumed run repeats the iteration and has its score
                 metrics.update(self._evaluate_on_the_way())
-            self._report_or_save(before, metrics, is_best=self.history.best is not best)
+            self._report_or_save(before, metrics)
         if self.world.size > 1:  # the others wait here while the first one evaluates
             metrics = self.world.share(metrics)
         if not self.world.is_main:
@@ -206,10 +205,10 @@ class Session:
         if trainer.iteration % self.config.checkpoint.every_iterations == 0:
             self.save()
 
-    def _report_or_save(self, before: int, metrics: dict[str, float], *, is_best: bool) -> None:
+    def _report_or_save(self, before: int, metrics: dict[str, float]) -> None:
         """Call :meth:`_report`; if it fails, save the finished iteration first."""
         try:
-            self._report(before, metrics, is_best=is_best)
+            self._report(before, metrics)
         except failures() as error:
             if self.world.size == 1:  # else saving would wait for processes that wait here
                 with suppress(ApilError):
@@ -232,7 +231,7 @@ class Session:
             f"{before.path} was {what} during training; from iteration {self.trainer.iteration}: {where}"
         )
 
-    def _report(self, before: int, metrics: dict[str, float], *, is_best: bool) -> None:
+    def _report(self, before: int, metrics: dict[str, float]) -> None:
         """Report the iteration to recorders, progress and hooks, and keep the best so far."""
         trainer = self.trainer
         metrics["memory_mb"] = resident_mb()
@@ -242,7 +241,7 @@ class Session:
             self._say_how_long(metrics)
             self._said = True
         trainer.hook.iteration_finished(run=trainer, metrics=metrics)
-        if is_best:
+        if self.history.is_best(trainer.steps):
             self._follow()
             if self.world.size == 1:
                 self.save()  # a kill before the next checkpoint would cost this best and the last one

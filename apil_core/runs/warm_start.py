@@ -51,11 +51,11 @@ def load_teacher(trainer: Trainer, name: str) -> Policy:
         raise ConfigError(
             f"init_from: one process clones {name}: begin without torchrun, then go on from the run it makes"
         )
-    batch = config.num_envs * config.ppo.num_steps
-    if (needed := _rollouts(config)[1] * batch) >= config.steps:
+    if (needed := _rollouts(config)[1] * config.rollout_steps) >= config.steps:
         raise ConfigError(
             f"init_from: cloning {name} takes {needed:,} of the run's steps ({config.steps:,}; init_steps "
-            f"{config.init_steps:,} in rollouts of {batch:,}), which leaves none; set init_steps or steps"
+            f"{config.init_steps:,} in rollouts of {config.rollout_steps:,}), which leaves none; "
+            "set init_steps or steps"
         )
     load_options = LoadOptions(config.trust, stream_seed(config.seed, "warm start"), second=True)
     teacher = load_victim(name, trainer.attack.game, side, config.device, trainer.plugins, load_options)
@@ -65,7 +65,7 @@ def load_teacher(trainer: Trainer, name: str) -> Policy:
 
 def _rollouts(config: RunConfig) -> tuple[int, int]:
     """Rollouts in which the policy is cloned, and in all: at least one is left to fit the critic."""
-    share = config.init_steps / (config.num_envs * config.ppo.num_steps)
+    share = config.init_steps / config.rollout_steps
     whole = max(ceil(share), 2)
     return min(ceil(CLONING_SHARE * share), whole - 1), whole
 

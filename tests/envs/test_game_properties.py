@@ -120,7 +120,7 @@ def test_every_ending_has_its_law(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", OUTCOMES)
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(
     seed=st.integers(0, 2**32 - 1),
     scale=st.sampled_from([0.0, 0.3, 1.0, 30.0, 1e4]),

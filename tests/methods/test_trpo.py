@@ -38,7 +38,7 @@ def problem(seed, rows=512):
     return policy, observations, surrogate, old
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(st.integers(0, 1000), st.sampled_from([0.001, 0.01, 0.05]))
 def test_kl_stays_in_the_region_and_the_surrogate_improves(seed, kl):
     policy, observations, surrogate, old = problem(seed)

@@ -13,7 +13,7 @@ from apil_core.common.tensors import all_finite
 from apil_core.training.normalize import RunningMoments
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.lists(st.integers(1, 20), min_size=1, max_size=6), st.integers(0, 2**31 - 1))
 def test_moments_of_chunks_equal_moments_of_all(sizes, seed):
     rows = np.random.default_rng(seed).normal(3.0, 7.0, (sum(sizes), 3)).astype(np.float32)

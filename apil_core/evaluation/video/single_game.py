@@ -97,7 +97,7 @@ class SingleGames:
         return None
 
     def _rewind(self, seed: int) -> None:
-        """Reseed stochastic hooks, so that they repeat their draws."""
+        """Reseed both policies, stochastic hooks included, so that they repeat their draws."""
         pairing = self.pairing
         for side, policy in ((pairing.side, pairing.adversary), (1 - pairing.side, pairing.victim)):
             policy.seed(stream_seed(seed, f"hooks of side {side}"))

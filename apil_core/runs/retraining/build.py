@@ -24,7 +24,7 @@ from apil_core.runs.retraining.environment import FixedObservations, OpponentSta
 from apil_core.runs.retraining.mixture import MixturePolicy
 from apil_core.runs.retraining.settings import BASELINE
 from apil_core.runs.retraining.trainable import LINEAR, trainable
-from apil_core.runs.retraining.trainer import RetrainTrainer, warmup_of
+from apil_core.runs.retraining.trainer import RetrainTrainer
 from apil_core.runs.runner import check_recorders
 from apil_core.training.attack_env import AttackEnv
 from apil_core.training.build import RunParts, check_device, generators, seeded_games
@@ -55,12 +55,13 @@ def prepare(config: RetrainConfig, plugins: PluginRegistry) -> RetrainTrainer:
         opponents = _opponents(config, game, plugins)
         config = _pinned(config, victim, opponents)
         attack, stored = _attack(config, game, parts, opponents, plugins, device)
-        _check_budget(config, warmup_of(config, stored))
+        infos = {label: policy.info for label, policy in opponents.items()}
+        trainer = RetrainTrainer(config, attack, plugins, victim.info, infos, stored)
+        _check_budget(config, trainer.warmup)
     except BaseException:
         game.close()
         raise
-    infos = {label: policy.info for label, policy in opponents.items()}
-    return RetrainTrainer(config, attack, plugins, victim.info, infos, stored)
+    return trainer
 
 
 def _check_numbers(config: RetrainConfig) -> None:
@@ -73,11 +74,10 @@ def _check_numbers(config: RetrainConfig) -> None:
 
 
 def _check_budget(config: RetrainConfig, warmup: int) -> None:
-    batch = config.num_envs * config.ppo.num_steps
-    if config.steps <= warmup * batch:
+    if config.steps <= warmup * config.rollout_steps:
         raise ConfigError(
             f"{config.steps:,} steps leave {config.victim} as it is: the first {warmup} iterations "
-            f"of {batch:,} steps train the critic alone (critic_warmup)"
+            f"of {config.rollout_steps:,} steps train the critic alone (critic_warmup)"
         )
 
 

@@ -23,12 +23,6 @@ _WARMUP = {"stored": 1, "new": 10}
 """Default of ``critic_warmup``; a stored one needs less."""
 
 
-def warmup_of(config: RetrainConfig, stored: StoredCritic | None) -> int:
-    """First iterations that train the critic alone."""
-    default = _WARMUP["new" if stored is None else "stored"]
-    return default if config.critic_warmup is None else config.critic_warmup
-
-
 class RetrainTrainer(Trainer):
     """A retraining in memory.
 
@@ -55,7 +49,8 @@ class RetrainTrainer(Trainer):
         self.learner = attack.learner
         self.retraining, self.original, self.opponents = config, original, opponents
         self.stored = stored
-        self.warmup = warmup_of(config, stored)
+        default = _WARMUP["new" if stored is None else "stored"]
+        self.warmup = default if config.critic_warmup is None else config.critic_warmup
         self._in_units = False
 
     def _learn(self, rollout: Rollout, actor_fixed: bool) -> dict[str, float]:

@@ -102,7 +102,7 @@ def _full_name(benchmark: Benchmark, cell: Cell, origin: str) -> str:
                 load_victim(baseline, game, 1 - side, "cpu", plugins, load_options)
         if baseline is not None and benchmark.matrix.has("retraining", cell.game):
             # all that a retraining could be refused for, before anything is trained
-            here = {"env": cell.game, "victim": victim.info.name}
+            here = {"env": cell.game, "victim": victim.info.name, "game": config.game}
             prepare(retraining_of(benchmark, cell, baseline, **here), plugins).close()
     except ApilError as error:
         raise ConfigError(f"{origin}, {cell.game} against {cell.victim}: {error}") from error

@@ -50,7 +50,7 @@ def open_recorders(specs: Iterable[RecorderSpec], run_dir: Path) -> list[Recorde
 
 def iterations_per_row(config: RunConfig) -> int:
     """The least k at which the planned iterations make no more than ``config.log_rows`` rows."""
-    planned = math.ceil(config.steps / (config.num_envs * config.ppo.num_steps))
+    planned = math.ceil(config.steps / config.rollout_steps)
     return math.ceil(planned / config.log_rows)
 
 
