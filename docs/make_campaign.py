@@ -5,7 +5,7 @@
     python docs/make_campaign.py ship RUN         # its adversary becomes embedded:GAME/adversary/v1
     python docs/make_campaign.py                  # tables and curves only, as after each of these
 
-``home`` keeps at most a megabyte of a run in ``docs/results/campaign/GAME/METHOD/sSEED``: its adversary
+``home`` keeps at most a megabyte of a run in ``docs/results/campaign/cells/GAME/METHOD/sSEED``: its adversary
 in ONNX, settings, result, scores and every twentieth row of its metrics. A run takes the place of a shorter
 one of the same name. ``score`` plays 1000 games each with the adversary in ONNX, on one thread. ``ship``
 needs the run at home, and notes its scores in both physics.
@@ -35,7 +35,7 @@ from apil_core.training.storage.run_dir import RunDir
 
 HERE = Path(__file__).parent
 PAGE = HERE / "results.md"
-HOME = HERE / "results" / "campaign"
+HOME = HERE / "results" / "campaign"  # laid out as a benchmark, so that `apil bench report` reads it
 LONG = HERE / "results" / "long"
 BEGIN, END = "<!-- made by make_campaign.py -->", "<!-- end of what make_campaign.py made -->"
 
@@ -86,7 +86,7 @@ class Cell:
 def cells() -> list[Cell]:
     """Every run at home in the paper's order of games and methods, each game's own opponent first."""
     found, paper = [], published()
-    for top in (HOME, LONG):
+    for top in (HOME / "cells", LONG):
         for file in top.glob("*/*/s*/result.json"):
             run = RunDir(file.parent)
             found.append(Cell(run.path, run.config(), json.loads(file.read_text())["steps"]))
@@ -105,7 +105,7 @@ def home(top: Path) -> None:
     for config in sorted(((top / "cells") if (top / "cells").is_dir() else top).rglob("config.yaml")):
         run = RunDir(config.parent)
         if run.summary()["status"] == "finished":
-            bring(run, HOME)
+            bring(run, HOME / "cells")
     for file in top.glob("baseline/*/scores/*.json"):
         copy(file, HOME / file.relative_to(top))
 
@@ -168,7 +168,7 @@ def ship(directory: Path, version: str = "v1") -> None:
     """Put a run's adversary into the package, with the scores it has at home."""
     source = RunCheckpoint.find(directory)
     config = source.run_dir.config()
-    there = HOME / config.env / config.method / f"s{config.seed}"
+    there = HOME / "cells" / config.env / config.method / f"s{config.seed}"
     if (there / "result.json").read_bytes() != (directory / "result.json").read_bytes():
         raise SystemExit(f"{there} is another run; first: python docs/make_campaign.py home {directory}")
     scores = {

@@ -81,7 +81,7 @@ def test_an_adversary_acts_as_its_run_and_says_where_it_is_from(game: str) -> No
     )
     assert {"checkpoint_sha256", "seed", "physics", "licence"} <= told.keys()
     pytest.importorskip("onnxruntime")
-    home = ROOT / "docs" / "results" / "campaign" / game / told["method"] / f"s{told['seed']}"
+    home = ROOT / "docs" / "results" / "campaign" / "cells" / game / told["method"] / f"s{told['seed']}"
     run = load_policy(f"onnx:{home / 'adversary.onnx'}", seat=seat)
     if run.info.provenance["checkpoint_sha256"] != told["checkpoint_sha256"]:
         pytest.skip(f"{home} is of a longer run by now: ship that if it wins more")

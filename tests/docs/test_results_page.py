@@ -16,7 +16,7 @@ from docs.pages import ROOT
 PAGE = ROOT / "docs" / "results.md"
 RESULTS = ROOT / "docs" / "results"
 RUNS = sorted(
-    file.parent for top in ("campaign", "long") for file in (RESULTS / top).glob("*/*/s*/result.json")
+    file.parent for top in ("campaign/cells", "long") for file in (RESULTS / top).glob("*/*/s*/result.json")
 )
 
 
