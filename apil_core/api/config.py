@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
     BaseModel,
@@ -19,6 +18,7 @@ from pydantic import (
     model_validator,
 )
 
+from apil_core.common.annotations import alternatives
 from apil_core.common.numbers import whole_number
 
 if TYPE_CHECKING:
@@ -53,15 +53,6 @@ def _path_text(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def _types(annotation: Any) -> set[Any]:
-    """The alternatives of an annotation: those of ``Annotated[int, …] | None`` are int and None."""
-    if get_origin(annotation) is Annotated:
-        return _types(get_args(annotation)[0])
-    if get_origin(annotation) in (Union, UnionType):
-        return set().union(*map(_types, get_args(annotation)))
-    return {annotation}
-
-
 class Section(BaseModel):
     """Base of every config model: unknown keys are errors, values are checked on assignment."""
 
@@ -77,9 +68,9 @@ class Section(BaseModel):
     def _whole_number(cls, value: Any, info: ValidationInfo) -> Any:
         """300k and 35M as numbers, for fields that are whole numbers."""
         if isinstance(value, str):
-            kinds = _types(cls.model_fields[info.field_name or ""].annotation)
+            kinds = alternatives(cls.model_fields[info.field_name or ""].annotation)
             with suppress(ValueError):  # the field's own validation says what is wrong
-                return whole_number(value) if {int, str} & kinds == {int} else value
+                return whole_number(value) if {int, str}.intersection(kinds) == {int} else value
         return value
 
 

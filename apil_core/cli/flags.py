@@ -6,8 +6,8 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, Union, get_args, get_origin
+from types import NoneType
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_origin
 
 from cyclopts import Group, Parameter
 from pydantic import BaseModel
@@ -15,6 +15,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from apil_core.api.config import RunConfig
+from apil_core.common.annotations import alternatives
 from apil_core.config.layers import located, preset_names
 from apil_core.config.problems import model_at
 from apil_core.evaluation.options import EvaluationOptions, PairingOptions
@@ -149,12 +150,10 @@ def _flag(info: FieldInfo, name: str, group: Group | None, text: str | None) -> 
 
 def _kind(annotation: Any, name: str) -> Any:
     """Return the type of one value of a flag: a field's type without ``None`` and bounds."""
-    if get_origin(annotation) in (tuple, dict):
+    kind = next(kind for kind in alternatives(annotation) if kind is not NoneType)
+    if get_origin(kind) in (tuple, dict):
         return list[Path] if name == "plugin_files" else list[str]
-    parts = [part for part in get_args(annotation) if part is not NoneType]
-    if get_origin(annotation) in (Union, UnionType):
-        return _kind(parts[0], name)
-    return parts[0] if get_origin(annotation) is Annotated else annotation
+    return kind
 
 
 def setting_flag(text: str, group: Group) -> Parameter:

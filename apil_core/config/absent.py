@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from types import UnionType
-from typing import Any, TypeVar, Union, get_args, get_origin
+from typing import Any, TypeVar
 
 from pydantic import BaseModel
 from pydantic_core import to_jsonable_python
 
 from apil_core.api.config import Absent, RunConfig
 from apil_core.api.specs import Reference, RunPluginSpec, options_model
+from apil_core.common.annotations import section_of
 from apil_core.common.errors import ApilError, ConfigError, suggest
 from apil_core.config.layers import texts_in
 from apil_core.plugins.discovery import PluginRegistry
@@ -78,7 +78,7 @@ def filled(data: Mapping[str, Any], model: type[BaseModel]) -> dict[str, Any]:
     complete = dict(data)
     for name, field in model.model_fields.items():
         marked = [mark.value for mark in field.metadata if isinstance(mark, Absent)]
-        section = _section(field.annotation)
+        section = section_of(field.annotation)
         if name not in complete and (marked or not field.is_required()):
             value = marked[0] if marked else field.get_default(call_default_factory=True)
             # what a section's default does not state itself may be marked inside
@@ -99,10 +99,3 @@ def _fill(sections: dict[str, Any], name: str, reference: Reference | None) -> N
     section = {} if sections.get(name) is None else sections[name]
     if reference is not None and isinstance(section, Mapping):
         sections[name] = filled(section, options_model(reference))
-
-
-def _section(annotation: Any) -> type[BaseModel] | None:
-    """The model behind ``Model`` or ``Model | None``; ``None`` for all else, lists of models too."""
-    options = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
-    found = [option for option in options if isinstance(option, type) and issubclass(option, BaseModel)]
-    return found[0] if len(found) == 1 else None

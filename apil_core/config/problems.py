@@ -5,11 +5,11 @@ from __future__ import annotations
 import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import UnionType
-from typing import Any, TypeVar, Union, get_args, get_origin
+from typing import Any, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
+from apil_core.common.annotations import section_of
 from apil_core.common.errors import ConfigError, UnknownNameError, suggest
 from apil_core.config.layers import Key
 
@@ -128,27 +128,18 @@ def model_at(model: type[BaseModel], loc: Key) -> type[BaseModel] | None:
     """The model of the section at ``loc``, or ``None`` where there is none."""
     annotation: Any = model
     for part in loc:
-        if (section := _section(annotation)) is not None:
+        if (section := section_of(annotation)) is not None:
             info = section.model_fields.get(str(part))
             annotation = info.annotation if info else None
         else:  # sections by name, such as a matrix's scores
             annotation = get_args(annotation)[1] if get_origin(annotation) is dict else None
-    return _section(annotation)
-
-
-def _section(annotation: Any) -> type[BaseModel] | None:
-    """The model that an annotation ``Model`` or ``Model | None`` names."""
-    union = get_origin(annotation) in (Union, UnionType)
-    for part in get_args(annotation) if union else (annotation,):
-        if isinstance(part, type) and issubclass(part, BaseModel):
-            return part
-    return None
+    return section_of(annotation)
 
 
 def _dotted_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
     keys = []
     for name, info in model.model_fields.items():
         keys.append(prefix + name)
-        if (section := _section(info.annotation)) is not None:
+        if (section := section_of(info.annotation)) is not None:
             keys += _dotted_keys(section, f"{prefix}{name}.")
     return keys

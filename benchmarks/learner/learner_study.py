@@ -107,14 +107,24 @@ def row(found: dict[str, Any]) -> str:
     return f"| {' | '.join((*names, *wins, above, interval, *numbers))} |"
 
 
+def merged(earlier: list[dict[str, Any]], found: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows of both, in order; of one run measured twice, the longer."""
+    rows: dict[tuple[Any, ...], dict[str, Any]] = {}
+    for each in sorted([*earlier, *found], key=lambda row: row["steps"]):
+        rows[tuple(each[name] for name in ("game", "method", "variant", "seed"))] = each
+    return [rows[key] for key in sorted(rows)]
+
+
 def table(arguments: argparse.Namespace) -> None:
-    """Print the rows, and save them if requested."""
+    """Print the rows, and save them beside those of earlier runs if requested."""
     if arguments.source.suffix == ".json":
         found = json.loads(arguments.source.read_text())
     else:
         paths = sorted(path.parent for path in arguments.source.glob("*/*/metrics.jsonl"))
         found = [made for path in paths if (made := summary(path)) is not None]
     if arguments.out:
+        earlier = json.loads(arguments.out.read_text()) if arguments.out.is_file() else []
+        found = merged(earlier, found)
         arguments.out.parent.mkdir(parents=True, exist_ok=True)
         arguments.out.write_text(json.dumps(found, indent=1) + "\n")
     print("\n".join([HEAD, "|---" * HEAD.count(" |") + "|", *map(row, found)]))
@@ -136,7 +146,7 @@ def main() -> None:
     runs.set_defaults(do=train)
     rows = verbs.add_parser("table", help="print what runs came to")
     rows.add_argument("source", type=Path, help="directory of runs, or what --out wrote")
-    rows.add_argument("--out", type=Path)
+    rows.add_argument("--out", type=Path, help="save the rows, beside those of earlier runs in that file")
     rows.set_defaults(do=table)
     arguments = parser.parse_args()
     arguments.do(arguments)

@@ -57,3 +57,12 @@ def test_the_page_shows_what_was_measured(study):
     text = (ROOT / "docs" / "learner.md").read_text("utf-8").splitlines()
     assert rows
     assert [row for row in rows if row not in text] == []
+
+
+def test_rows_of_earlier_runs_are_kept(study):
+    found = json.loads((ROOT / "docs" / "results" / "learner" / "runs.json").read_text())
+    assert study.merged(found, []) == found
+    longer, other = found[0] | {"steps": 9e9}, found[1] | {"seed": 99}
+    assert study.merged(found, [longer])[0] == longer
+    assert study.merged([longer], found)[0] == longer
+    assert len(study.merged(found, [other])) == len(found) + 1

@@ -9,14 +9,15 @@ from __future__ import annotations
 import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from types import UnionType
-from typing import Any, Literal, Union
+from types import NoneType
+from typing import Any, Literal
 
 from pydantic import BaseModel
 
 from apil_core.api.config import ActionMode, EvaluationConfig
 from apil_core.api.profiles import Profile, ProfiledOptions
 from apil_core.api.specs import GameSpec, Matchup, PublishedScore, load
+from apil_core.common.annotations import alternatives
 from apil_core.common.documents import EXACT
 from apil_core.common.errors import ConfigError, suggest
 from apil_core.config.game import PHYSICS
@@ -196,13 +197,11 @@ def _model(spec: GameSpec) -> type[BaseModel] | None:
 
 def _choices(annotation: Any) -> tuple[Any, ...]:
     """Values of a flag or a choice, ``None`` aside."""
-    if annotation is bool:
+    kinds = [kind for kind in alternatives(annotation) if kind is not NoneType]
+    if kinds == [bool]:
         return (False, True)
-    if typing.get_origin(annotation) is Literal:
-        return typing.get_args(annotation)
-    kinds = [kind for kind in typing.get_args(annotation) if kind is not type(None)]
-    optional = typing.get_origin(annotation) in (Union, UnionType) and len(kinds) == 1
-    return _choices(kinds[0]) if optional else ()
+    literal = len(kinds) == 1 and typing.get_origin(kinds[0]) is Literal
+    return typing.get_args(kinds[0]) if literal else ()
 
 
 def _values(model: type[BaseModel] | None, options: Mapping[str, Any]) -> dict[str, Any]:
