@@ -107,7 +107,8 @@ def home(top: Path) -> None:
         if run.summary()["status"] == "finished":
             bring(run, HOME / "cells")
     for file in top.glob("baseline/*/scores/*.json"):
-        copy(file, HOME / file.relative_to(top))
+        if not (target := HOME / file.relative_to(top)).is_file():  # the page's text cites what is there
+            copy(file, target)
 
 
 def bring(run: RunDir, into: Path) -> None:
