@@ -64,6 +64,16 @@ def test_an_axis_sets_what_it_names():
     assert cells[1].name == "toy-pursuit/adrl/s0-ppo.epochs=3-game.max_steps=20"
 
 
+def test_a_preset_of_one_game_lies_between_the_others_and_config():
+    presets = {"presets": ["efficient"], "game_presets": {"sumo-ants": ["sumo-ants"]}}
+    matrix = small_matrix(games=["toy-pursuit", "sumo-ants"], config={"ppo": {"lam": 0.9}}, **presets)
+    toy, ants = (cell.config for cell in resolve_matrix(matrix).cells)
+    assert (toy.ppo.gamma, ants.ppo.gamma, ants.ppo.lam, ants.ppo.noise) == (0.99, 0.998, 0.9, "coloured")
+    assert ants.game["untouched_reward"] == -1000
+    with pytest.raises(ValueError, match=r"game_presets: 'sumo-humans' is not among the matrix's games"):
+        small_matrix(game_presets={"sumo-humans": ["efficient"]})
+
+
 def test_an_axis_of_one_method_does_not_multiply_the_others():
     matrix = small_matrix(methods=["adrl", "apil"], axes={"options.apil.prediction": ["imitator", "noise"]})
     assert names(matrix) == [

@@ -11,6 +11,7 @@ from apil_core.config.layers import preset_names
 from apil_core.config.resolve import differences, dump_yaml, load_resolved, resolve
 from apil_core.config.schema import json_schema
 from apil_core.plugins.discovery import PluginRegistry
+from apil_core.plugins.registry import default_plugins
 
 
 def write(path: Path, text: str) -> Path:
@@ -112,9 +113,8 @@ def test_a_run_directory_serves_as_file(registry: PluginRegistry, tmp_path: Path
 
 @pytest.mark.parametrize("preset", preset_names())
 @pytest.mark.parametrize("method", ["adrl", "apl", "apil", "e_apil", None])
-def test_every_preset_is_valid_for_every_method(
-    registry: PluginRegistry, preset: str, method: str | None
-) -> None:
+def test_every_preset_is_valid_for_every_method(preset: str, method: str | None) -> None:
+    registry = default_plugins()
     config = resolve(presets=[preset], flags={"method": method}, plugins=registry)
     assert set(config.options) == {spec.name for spec in registry.method_chain(config.method) if spec.config}
 

@@ -82,8 +82,8 @@ def resolve_matrix(matrix: Matrix, origin: str = "matrix") -> Benchmark:
     Raises:
         ApilError: one line per mistake; nothing has been started then.
     """
-    base = _base_layers(matrix, origin)
-    plugins = discover(plugin_files(base))
+    base = {game: _base_layers(matrix, game, origin) for game in matrix.games}
+    plugins = discover(plugin_files(base[matrix.games[0]]))  # presets name none
     _check_names(matrix, origin, plugins)
     _check_used(matrix, origin, plugins)
     cells = tuple(_expand(matrix, origin, base, plugins))
@@ -113,9 +113,10 @@ def _spelt_out(
     return score.model_copy(update={"observers": played})
 
 
-def _base_layers(matrix: Matrix, origin: str) -> list[Layer]:
+def _base_layers(matrix: Matrix, game: str, origin: str) -> list[Layer]:
+    presets = (*matrix.presets, *matrix.game_presets.get(game, ()))
     own = Layer(dict(matrix.config), dict.fromkeys(_paths(matrix.config), f"{origin}: config"), preset=True)
-    return [*(preset_layer(name) for name in matrix.presets), own]
+    return [*map(preset_layer, presets), own]
 
 
 def _paths(data: Mapping[str, Any], prefix: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
@@ -169,7 +170,9 @@ def _owner(key: str) -> str | None:
     return parts[1] if parts[0] == "options" and len(parts) > 2 else None
 
 
-def _expand(matrix: Matrix, origin: str, base: list[Layer], plugins: PluginRegistry) -> Iterator[Cell]:
+def _expand(
+    matrix: Matrix, origin: str, base: Mapping[str, list[Layer]], plugins: PluginRegistry
+) -> Iterator[Cell]:
     resolved: dict[str, RunConfig] = {}  # cells that differ in seed and budget only are checked once
     combinations = {method: _combinations(matrix, method, plugins) for method in matrix.methods}
     several_victims = {game for game, names in matrix.victims.items() if len(names) > 1}
@@ -182,7 +185,7 @@ def _expand(matrix: Matrix, origin: str, base: list[Layer], plugins: PluginRegis
             kind = repr((game, method, victim, chosen))
             if kind not in resolved:
                 flags = {"method": method, "env": game, "seed": seed, "steps": steps, "victim": victim}
-                resolved[kind] = _config(base, flags, chosen, plugins, f"{origin}, cell {name}")
+                resolved[kind] = _config(base[game], flags, chosen, plugins, f"{origin}, cell {name}")
             config = resolved[kind].model_copy(update={"seed": seed, "steps": steps}, deep=True)
             yield Cell(game, method, seed, steps, config.victim, chosen, name, config)
 

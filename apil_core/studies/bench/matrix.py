@@ -144,6 +144,8 @@ class Matrix(Section):
     """Policies under attack by game; a game that is not named has its own default victim."""
     presets: Names = ()
     """Ready-made settings of runs, e.g. paper; `config` lies over them."""
+    game_presets: dict[str, Names] = Field(default_factory=dict)
+    """Further ones of a game's runs, by game; they lie over `presets`."""
     config: dict[str, Any] = Field(default_factory=dict)
     """Settings of all runs, as in a run's own config file; paths start at the matrix's file."""
     axes: dict[str, Annotated[tuple[Any, ...], Field(min_length=1)]] = Field(default_factory=dict)
@@ -217,6 +219,7 @@ class Matrix(Section):
         named = {
             "victims": tuple(self.victims),
             "adversaries": tuple(self.adversaries),
+            "game_presets": tuple(self.game_presets),
             **{f"scores.{name}.games": score.games for name, score in self.scores.items()},
             **{f"{stage}.games": value.games for stage, value in self.stages.items()},
         }
