@@ -69,7 +69,14 @@ class Cell:
         """Method, and what its settings are."""
         if not self.steps:
             return "*own opponent*"
-        return f"`{self.config.method}`" + (", preset `paper`" if LONG in self.path.parents else "")
+        own = (
+            "paper"
+            if LONG in self.path.parents
+            else "sumo-ants"
+            if self.config.game.get("untouched_reward")
+            else ""
+        )
+        return f"`{self.config.method}`" + (f", preset `{own}`" if own else "")
 
     @property
     def adversary(self) -> str:
