@@ -28,6 +28,8 @@ from apil_core.training.storage.recorders import read_metrics
 VARIANTS = Path(__file__).with_name("variants.yaml")
 OPPONENTS = {"kick-and-defend": 0.313, "you-shall-not-pass": 0.468, "sumo-humans": 0.08, "sumo-ants": 0.40}
 """Win rate of each game's own opponent against the zoo's victim, of 1000 games (docs/fidelity.md)."""
+ALONE = ("plain", "only_")
+"""Variants that start from the defaults, not from `efficient`."""
 MARKS = (0.4e6, 0.8e6, 1.3e6, 2e6, 4e6, 8e6)
 HEAD = (
     "| game | method | variant | seed | 0.4 | 0.8 | 1.3 | 2 | 4 | 8 M | above its own opponent at "
@@ -48,7 +50,8 @@ def train(arguments: argparse.Namespace) -> None:
             command = [*apil, "resume", str(out), "--threads", "1", "--quiet", "--steps", arguments.steps]
         else:
             shutil.rmtree(out, ignore_errors=True)  # killed before its first checkpoint
-            settings = {**variants["efficient"], **variants[variant]} if variant != "plain" else {}
+            base = {} if variant.startswith(ALONE) else variants["efficient"]
+            settings = {**base, **variants[variant]}
             sets = [f"--set={key}={json.dumps(value)}" for key, value in settings.items()]
             command = [*apil, "run", "--method", method, "--env", env, "--seed", str(seed)]
             command += ["--steps", arguments.steps, "--physics", "fast", "--threads", "1", "--quiet"]
