@@ -69,14 +69,8 @@ class Cell:
         """Method, and what its settings are."""
         if not self.steps:
             return "*own opponent*"
-        own = (
-            "paper"
-            if LONG in self.path.parents
-            else "sumo-ants"
-            if self.config.game.get("untouched_reward")
-            else ""
-        )
-        return f"`{self.config.method}`" + (f", preset `{own}`" if own else "")
+        named = {"paper": LONG in self.path.parents, "sumo-ants": self.config.game.get("untouched_reward")}
+        return ", preset ".join(f"`{name}`" for name in (self.config.method, *filter(named.get, named)))
 
     @property
     def adversary(self) -> str:

@@ -10,6 +10,7 @@ from helpers.small_runs import small_config
 from ruamel.yaml import YAML
 
 from apil_core import run
+from apil_core.config.layers import preset_layer
 from apil_core.config.resolve import flatten, resolve
 from apil_core.plugins.registry import default_plugins
 
@@ -34,6 +35,11 @@ def test_what_the_variants_change_is_the_preset():
         key for key in preset if preset[key] != plain[key] and key.startswith(("ppo.", "reward.", "num"))
     }
     assert changed <= set(stated)
+
+
+def test_the_variant_of_sumo_ants_is_its_preset():
+    stated = YAML(typ="safe").load((FOLDER / "variants.yaml").read_text())["untouched"]
+    assert {"env": "sumo-ants", **stated} == flatten(preset_layer("sumo-ants").data)
 
 
 def test_a_run_is_summed_up(study, tmp_path):
